@@ -457,6 +457,24 @@ void Arrowhead::add_sums(Sums& to, const Sums& from, const Pass& pass) const {
   to.eliminated_gradient += from.eliminated_gradient;
 }
 
+/// Adds the other shares' sums to those of the first one, which become the totals; blocks go to
+/// their places at once, by all threads, for these are the larger part of bundle adjustment's sums.
+void Arrowhead::add_shares(const Pass& pass) {
+  Pass all_but_blocks = pass;
+  if (system.in_blocks()) all_but_blocks.eliminate = false;
+  for (size_t i = 1; i < shares.size(); ++i) {
+    add_sums(totals(), shares[i].sums, all_but_blocks);
+    if (pass.eliminate && system.in_blocks())
+      totals().eliminated_gradient += shares[i].sums.eliminated_gradient;
+  }
+  if (!pass.eliminate || !system.in_blocks()) return;
+  const double* sums[Crew::kMostShares];
+  for (size_t i = 0; i < shares.size(); ++i) sums[i] = shares[i].sums.eliminated.data();
+  crew.run(kPieces, Crew::kMostShares, [&](int piece, int) {
+    system.put_blocks(whole_matrix.data(), sums, static_cast<int>(shares.size()), {piece, kPieces});
+  });
+}
+
 /// A pass over all pieces, and what it leaves of the shared unknowns.
 Arrowhead::Assembly Arrowhead::run(const VectorXd& state, const Pass& pass, Cost& cost) {
   if (pass.linearise) {
@@ -465,7 +483,7 @@ Arrowhead::Assembly Arrowhead::run(const VectorXd& state, const Pass& pass, Cost
   }
   for (Share& share : shares) share.turn = share.first;
   over(pieces, [&](Piece& p, int worker) { pass_over(p, state, pass, worker); });
-  for (size_t i = 1; i < shares.size(); ++i) add_sums(totals(), shares[i].sums, pass);
+  add_shares(pass);
   bool defined = true, definite = true;
   for (const Piece& p : pieces) {
     if (pass.linearise) {
@@ -498,10 +516,6 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
                                         bool first_scales, Cost& cost) {
   const Assembly assembly = run(state, {linearise, true, first_scales, lambda}, cost);
   if (assembly != Assembly::fine) return assembly;
-  if (system.in_blocks()) {
-    std::fill(whole_matrix.begin(), whole_matrix.end(), 0.0);
-    system.add_blocks(whole_matrix.data(), totals().eliminated.data());
-  }
   if (ranges)
     system.add_diagonal_blocks(damped_matrix().data(), totals().shared.data());
   else

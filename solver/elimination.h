@@ -154,6 +154,7 @@ class Arrowhead {
   void pass_over(Piece& p, const VectorXd& state, const Pass& pass, int worker);
   Sums& totals() { return shares.front().sums; }
   void add_sums(Sums& to, const Sums& from, const Pass& pass) const;
+  void add_shares(const Pass& pass);
   Assembly run(const VectorXd& state, const Pass& pass, Cost& cost);
   bool linearise_range(Piece& p, int first, int last, const VectorXd& state, int worker);
   bool factor_private(size_t g, const double* rows, int width, double lambda, int worker);

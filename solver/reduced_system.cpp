@@ -346,16 +346,22 @@ void ReducedSystem::subtract_blocks(int group, const double* b, std::ptrdiff_t s
                                   group_runs_start_[group + 1] - first, b, stride, gradient);
 }
 
-void ReducedSystem::add_blocks(double* values, const double* blocks) const {
-  for (const Block& block : blocks_) {
+void ReducedSystem::put_blocks(double* values, const double* const* sums, int count,
+                               Part part) const {
+  const size_t last = blocks_.size() * (part.index + 1) / part.of;
+  for (size_t k = blocks_.size() * part.index / part.of; k < last; ++k) {
+    const Block& block = blocks_[k];
     const int first = runs_[block.column].first,
               below = dense_ ? runs_[block.row].first : block.place;
+    double sum[kBlockStorage9x9];
+    std::copy_n(sums[0] + k * kBlockStorage9x9, 81, sum);
+    for (int s = 1; s < count; ++s)
+      for (int i = 0; i < 81; ++i) sum[i] += sums[s][k * kBlockStorage9x9 + i];
     for (int q = 0; q < 9; ++q) {
       double* to = values + step_[first + q] + below;
-      for (int i = block.row == block.column ? q : 0; i < 8; ++i) to[i] += blocks[8 * q + i];
-      to[8] += blocks[72 + q];
+      for (int i = block.row == block.column ? q : 0; i < 8; ++i) to[i] = sum[8 * q + i];
+      to[8] = sum[72 + q];
     }
-    blocks += kBlockStorage9x9;
   }
 }
 
@@ -435,7 +441,7 @@ static bool factor_together(double* a, int n, int ld, Crew& crew) {
   bool definite = kernels().factor_columns(a, n, std::min(kStrip, n), ld);
   for (int strip = 0; definite && strip + kStrip < n; strip += kStrip) {
     double* corner = a + strip * (static_cast<std::ptrdiff_t>(ld) + 1);
-    crew.run((n - strip - 1) / kStrip, 1, [&](int piece, int) {
+    crew.run((n - strip - 1) / kStrip, Crew::kMostShares, [&](int piece, int) {
       const int first = (piece + 1) * kStrip, rows = n - strip - first,
                 columns = std::min(kStrip, rows);
       double* block = corner + first * (static_cast<std::ptrdiff_t>(ld) + 1);

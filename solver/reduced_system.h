@@ -79,13 +79,17 @@ class ReducedSystem {
                 double* gradient) const;
   /// True for a RangeProblem whose runs have 9 columns and whose groups have 3 private unknowns
   /// (bundle adjustment). subtract_blocks() does the same there, faster, to an array of blocks
-  /// (kernels.h) that lie together whatever the matrix looks like; add_blocks() adds them to
-  /// values. There is no add() then.
+  /// (kernels.h) that lie together whatever the matrix looks like; put_blocks() writes the sums of
+  /// `count` such arrays, added in this order, to their places: all that count, if it is called for
+  /// all parts. There is no add() then.
   bool in_blocks() const { return in_blocks_; }
   size_t block_storage() const { return blocks_.size() * kBlockStorage9x9 + 2 * kSlack; }
   void subtract_blocks(int group, const double* b, std::ptrdiff_t stride, double* blocks,
                        double* gradient) const;
-  void add_blocks(double* values, const double* blocks) const;
+  struct Part {
+    int index, of;  // of as many parts of all blocks
+  };
+  void put_blocks(double* values, const double* const* sums, int count, Part part) const;
   /// Sets to 0 the numbers of one accumulator that count.
   void clear(double* values) const;
   /// Adds the numbers of one accumulator that count to another.
