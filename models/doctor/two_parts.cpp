@@ -11,6 +11,7 @@ namespace kincal {
 namespace {
 
 constexpr int kFewestSamples = 16, kFewestInPart = 5;
+constexpr double kSplit = 3;  // times as good as parts that are spread over all samples
 constexpr double kLarge = 5;  // chi2/dof; less a robot's own geometry makes, in one region
                               // otherwise than in another
 
@@ -28,6 +29,25 @@ TrialFit fit_of(const Recording& recording, const TrialContext& context,
   std::vector<Sample> part;
   for (const int i : samples) part.push_back(recording.samples[i]);
   return best_fit(Recording(recording.rig, std::move(part)), context, context.all, {30, 1e-4});
+}
+
+/// `count` of the samples, spread over all, and the others, fitted apart. What changed at some
+/// sample both parts have; what two fits explain better than one for other reasons (errors of
+/// readings that nobody stated, with few samples) they explain as well as a true split.
+Parts spread_parts(const Recording& recording, const TrialContext& context,
+                   const std::vector<int>& order, int count) {
+  const int n = static_cast<int>(order.size());
+  std::vector<int> some, others;
+  for (int i = 0; i < n; ++i)
+    ((i + 1) * count / n > i * count / n ? some : others).push_back(order[i]);
+  Parts parts;
+  try {
+    parts.before = fit_of(recording, context, some);
+    parts.after = fit_of(recording, context, others);
+  } catch (const std::invalid_argument&) {  // a part lacks what the whole has
+    parts.before.chi2 = kInfinity;
+  }
+  return parts;
 }
 
 }  // namespace
@@ -63,6 +83,8 @@ std::optional<Finding> two_parts(const Recording& recording, const TrialContext&
   const double left = best.chi2() / static_cast<double>(std::max(1L, best.dof()));
   if (!((left < Thresholds::noise ? Thresholds::decisive : Thresholds::overwhelming) * left <
         now.per_dof()))
+    return std::nullopt;
+  if (!(kSplit * best.chi2() < spread_parts(recording, context, order, at).chi2()))
     return std::nullopt;
   const std::string &last = recording.samples[order[at - 1]].id,
                     &first = recording.samples[order[at]].id;

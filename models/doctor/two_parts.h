@@ -4,7 +4,8 @@
 //
 // Samples in the order of logging are split, each part is fitted by itself with the same unknowns,
 // and the split is the one that leaves least. As a sample on the wrong side costs the more the more
-// of them there are, it is found from a few splits by halving.
+// of them there are, it is found from a few splits by halving. Two fits leave less than one anyway:
+// parts as large that are spread over all samples must leave three times as much.
 #pragma once
 
 #include <optional>

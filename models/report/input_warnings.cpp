@@ -275,6 +275,12 @@ void warn_of_repetition(const Recording& recording, Warnings& out) {
          {}});
 }
 
+double samples_a_posture(const Recording& recording) {
+  Mean scatter;
+  return static_cast<double>(recording.training().size()) /
+         static_cast<double>(std::max<size_t>(1, distinct_postures(recording, scatter)));
+}
+
 void warn_of_unseen(const Solution& solution, Warnings& out) {
   const UnseenPoses unseen = unseen_poses(solution);
   std::set<int> held_out;

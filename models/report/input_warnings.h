@@ -15,6 +15,8 @@ void warn_of_input(const std::vector<Finding>& input, Warnings& out);
 void warn_of_few_data(const Solution& solution, Warnings& out);
 /// Warns of poses that are too few to tell their noise, and of postures that are repeated.
 void warn_of_repetition(const Recording& recording, Warnings& out);
+/// Returns how many training samples there are for each posture that is another.
+double samples_a_posture(const Recording& recording);
 /// Warns of bodies that no training sample shows.
 void warn_of_unseen(const Solution& solution, Warnings& out);
 /// Warns of priors on numbers that no calibration estimated, because nothing depends on them.

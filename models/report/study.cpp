@@ -155,15 +155,25 @@ Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solutio
   return rig;
 }
 
+/// Whether residuals are as large as the noise, or as they may be by chance.
+bool of_stated_size(const Solution& solution) {
+  const double ratio = solution.chi2_per_dof(), by_chance = 4 * std::sqrt(2 / solution.dof_data);
+  return (ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance);
+}
+
 /// Whether a mistake explains the data, but for noise, or clearly and but for as much as the
 /// geometry of a robot makes, which is held there.
-bool explains_all(const Diagnosis& diagnosis) {
+bool explains(const Finding& f, long dof) {
   constexpr double kNoise = 3, kOfTheRobot = 25, kClearly = 100;  // chi2/dof; share of chi2
+  if (!f.chi2_corrected) return false;
+  const double left = *f.chi2_corrected / static_cast<double>(dof);
+  const bool clear = f.chi2_as_is && *f.chi2_as_is > kClearly * *f.chi2_corrected;
+  return left < (clear ? kOfTheRobot : kNoise);
+}
+
+bool explains_all(const Diagnosis& diagnosis) {
   return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Finding& f) {
-    if (f.id == "sigma" || !f.chi2_corrected) return false;
-    const double left = *f.chi2_corrected / static_cast<double>(diagnosis.dof);
-    const bool clear = f.chi2_as_is && *f.chi2_as_is > kClearly * *f.chi2_corrected;
-    return left < (clear ? kOfTheRobot : kNoise);
+    return f.id != "sigma" && explains(f, diagnosis.dof);
   });
 }
 
@@ -185,15 +195,27 @@ void look_with_less_free_first(const Rig& given, const Rig& freed,
     report.diagnosis = std::move(less);
 }
 
+/// Drops findings that cannot be, as a fit has explained every sample but for its noise: samples
+/// that do not belong, and what explains less than that fit.
+void drop_what_the_fit_refutes(Diagnosis& diagnosis) {
+  std::vector<Finding>& findings = diagnosis.findings;
+  const auto refuted = [&](const Finding& f) {
+    return f.id == "bad-samples" || (f.chi2_corrected && !explains(f, diagnosis.dof));
+  };
+  findings.erase(std::remove_if(findings.begin(), findings.end(), refuted), findings.end());
+}
+
 /// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
 /// offsets were wrong; then with all as it was found but for numbers that somebody was mistaken
 /// about.
 void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
   const Solution& solution = report.solution;
   add_diagnosis(given, solution.samples(), options, report);
+  if (of_stated_size(solution)) drop_what_the_fit_refutes(*report.diagnosis);
   const std::set<std::string> mistaken = mistaken_numbers(report);
   if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
     add_diagnosis(found_but_for(mistaken, solution), solution.samples(), options, report);
+  if (of_stated_size(solution)) drop_what_the_fit_refutes(*report.diagnosis);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
@@ -332,12 +354,6 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
   rounds.converged = true;
   if (calibrate_with(first->rig, first->samples, levels, options, report))
     report.noise_estimated = rounds;
-}
-
-/// Whether residuals are as large as the noise, or as they may be by chance.
-bool of_stated_size(const Solution& solution) {
-  const double ratio = solution.chi2_per_dof(), by_chance = 4 * std::sqrt(2 / solution.dof_data);
-  return (ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance);
 }
 
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains

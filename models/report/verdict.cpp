@@ -22,8 +22,9 @@ constexpr double kMiddleOfTails = 0.3;
 constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;
 constexpr char kFreeLess[] = "record more varied postures, or free less";
 const std::string kDo = ". What to do: ";
-constexpr double kMuchTwice = 3;  // one sample in so many has another one that is the same
-constexpr double kOpen = 10;      // times as loose: where it is, is not known at all
+constexpr double kOftenRepeated = 3.5;  // samples a posture: sigmas are too small by its root
+constexpr double kMuchTwice = 3;        // one sample in so many has another one that is the same
+constexpr double kOpen = 10;            // times as loose: where it is, is not known at all
 
 const Finding* decisive_finding(const Report& report) {
   if (report.diagnosis)
@@ -151,11 +152,12 @@ bool is_doubt(const Report& report, const Warning& w) {
   if (id == "duplicates")  // a few change no sigma
     return kMuchTwice * static_cast<double>(w.names.size()) >
            static_cast<double>(report.solution.samples().size());
+  if (id == "repeated") return samples_a_posture(*report.solution.recording) > kOftenRepeated;
   if (id == "identity") return !report.automatic.empty();  // held, by somebody, at where nothing is
   return id == "implausible" || id == "jump" || id == "systematic" || id == "chi2" ||
          id == "unexplained" || id == "joint_error" || id == "joint_noise" || id == "sigma" ||
          (id == "prior" && prior_is_doubtful(report)) || id == "in_use" || id == "scale" ||
-         id == "arm_scale" || id == "contradicted" || starts_with(id, "outlier_");
+         id == "arm_scale" || id == "gears" || id == "contradicted" || starts_with(id, "outlier_");
 }
 
 /// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
@@ -187,7 +189,7 @@ std::string doubt_words(const Report& report, const Warning& w) {
 /// Whether a doubt is the cause of another: joints that look noisy with sigmas that are too small.
 bool goes_before(const std::string& id, const Warning* other) {
   return !other || id == "width" || id == "identity" || id == "scale" || id == "jump" ||
-         id == "duplicates" || id == "contradicted" ||
+         id == "duplicates" || id == "repeated" || id == "contradicted" ||
          (id == "systematic" && (other->id == "joint_error" || other->id == "joint_noise" ||
                                  other->id == "chi2" || other->id == "noise")) ||
          (id == "noise" && (other->id == "joint_error" || other->id == "chi2" ||
@@ -223,6 +225,13 @@ std::string what_to_do(const Report& report, const std::string& id) {
            "of the training only, or not at all";
   if (id == "duplicates")
     return "leave out all but one of each: what is counted twice looks better known than it is";
+  if (id == "repeated")
+    return "let the robot move between samples, or keep one of each posture: sigmas count errors "
+           "of "
+           "readings that are one error as many";
+  if (id == "gears")
+    return "let them be estimated (--group gears), unless a board that is not as drawn or readings "
+           "that are repeated look like them";
   if (id == "jump") return kCureOfJumps;
   if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")
