@@ -90,6 +90,7 @@ std::string in_program_words(std::string message) {
   replace("or a `fix` holds it", "or --fix holds it");
   replace("a calibration that rejects outliers takes them out", "--reject takes them out");
   replace("the group gears estimates", "--group gears estimates");
+  replace("(the group gears)", "(--group gears)");
   replace("leave groups out, and look for mistakes",
           "leave groups out (--no-group), and look for mistakes (kincal check)");
   replace("number take up another mistake? Look for mistakes",

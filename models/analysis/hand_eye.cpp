@@ -1,6 +1,7 @@
 #include "hand_eye.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <optional>
 #include <utility>
@@ -123,6 +124,35 @@ std::optional<Vector3d> only_turning_axis(const Tree& tree) {
     const Vector3d axis = turned_at_zero(tree, joint.child) * joint.axis;
     if (out && std::abs(out->dot(axis)) < kParallel) return {};
     out = axis;
+  }
+  return out;
+}
+
+std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<int>& links) {
+  constexpr int kPostures = 8;
+  constexpr double kParallel = 0.999, kTurned = 0.2;  // cosine; rad, for an axis to be told
+  constexpr double kGolden = 0.6180339887498949;      // multiples of it spread evenly over 0 .. 1
+  const Tree& tree = recording.rig.tree;
+  std::vector<double> readings(tree.joints.size(), 0);
+  std::map<int, Matrix3d> first;
+  std::optional<Vector3d> out;
+  for (int k = 0, draw = 0; k < kPostures; ++k) {
+    for (size_t j = 0; j < tree.joints.size(); ++j) {
+      const Joint& joint = tree.joints[j];
+      if (!joint.has_reading()) continue;
+      const bool limits = joint.lower < joint.upper;
+      const double share = std::fmod(kGolden * ++draw, 1.0), lower = limits ? joint.lower : -1,
+                   upper = limits ? joint.upper : 1;
+      readings[j] = lower + share * (upper - lower);
+    }
+    const Configuration robot(recording.rig, recording.table, recording.table.initial, readings);
+    for (const int link : links) {
+      const Matrix3d now = robot.a_T_b(tree.root, link).rotation;
+      const Eigen::AngleAxisd turn(now * first.insert({link, now}).first->second.transpose());
+      if (turn.angle() < kTurned) continue;
+      if (out && std::abs(out->dot(turn.axis())) < kParallel) return {};
+      if (!out) out = turn.axis();
+    }
   }
   return out;
 }

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <optional>
+#include <set>
 #include <string>
 
 #include "../rig/recording.h"
@@ -25,6 +26,11 @@ MotionLack motion_lack(const Recording& recording);
 
 /// Returns how the frame of a link is turned in the root's, with all joints at zero.
 Matrix3d turned_at_zero(const Tree& tree, int link);
+
+/// Returns the one direction about which these links turn, in the root's frame, wherever the joints
+/// are: of a SCARA, and of a palletizer, whose followers keep the tool level. Nothing where there
+/// are more, or none.
+std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<int>& links);
 
 /// Returns the direction of all axes that turn, in the root's frame; nothing where there are none,
 /// or they are not parallel.

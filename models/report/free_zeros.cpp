@@ -288,14 +288,21 @@ std::string height_to_hold(const Report& report, const ParameterEstimate& e, siz
   constexpr double kAlong = 0.3;  // a length whose share along the axes is as large
   const Solution& solution = report.solution;
   const Rig& rig = solution.rig();
-  const std::optional<Vector3d> up = only_turning_axis(rig.tree);
-  if (!up || c > 2) return "";
-  const auto along = [&](const ParameterEstimate& pose, size_t component) {
-    if (!pose.pose || pose.parameter < 0) return 0.0;
+  if (c > 2) return "";
+  const auto link_of = [&](const ParameterEstimate& pose) {  // -1: it is none of a sensor or target
+    if (!pose.pose || pose.parameter < 0) return -1;
     const Parameter& p = solution.table().all[pose.parameter];
-    const bool sensor = p.kind == ParameterKind::sensor_pose;
-    if (!sensor && p.kind != ParameterKind::target_pose) return 0.0;
-    const int link = sensor ? rig.sensors[p.owner].link : rig.targets[p.owner].link;
+    return p.kind == ParameterKind::sensor_pose   ? rig.sensors[p.owner].link
+           : p.kind == ParameterKind::target_pose ? rig.targets[p.owner].link
+                                                  : -1;
+  };
+  std::set<int> links;
+  for (const ParameterEstimate& pose : solution.parameters)
+    if (const int link = link_of(pose); link >= 0) links.insert(link);
+  const std::optional<Vector3d> up = only_turn_of(*solution.recording, links);
+  if (!up) return "";
+  const auto along = [&](const ParameterEstimate& pose, size_t component) {
+    const int link = link_of(pose);
     if (link < 0) return 0.0;
     return std::abs(up->dot((turned_at_zero(rig.tree, link) * pose.pose->rotation).col(component)));
   };

@@ -62,9 +62,9 @@ JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_
 /// Returns what to do about a pose that hangs on a target's size.
 std::string measure_words(const std::string& size);
 
-/// Returns the number of a pose to hold where all turning axes are parallel (of a SCARA) and the
-/// given one, known badly, is a length along them: then the heights of what is mounted at both ends
-/// are one number. "": something else.
+/// Returns the number of a pose to hold where all turns are about one direction (of a SCARA, a
+/// palletizer) and the given one, known badly, is a length along it: then the heights of what is
+/// mounted at both ends are one number. "": something else.
 std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c);
 
 /// Returns what to do about such a number.

@@ -230,7 +230,8 @@ std::string what_to_do(const Report& report, const std::string& id) {
            "of "
            "readings that are one error as many";
   if (id == "gears")
-    return "let them be estimated (--group gears), unless a board that is not as drawn or readings "
+    return "let them be estimated (the group gears), unless a board that is not as drawn or "
+           "readings "
            "that are repeated look like them";
   if (id == "jump") return kCureOfJumps;
   if (id == "systematic") return cure_of_trends(report);
@@ -347,8 +348,8 @@ std::string loose_mount(const Report& report) {
   const std::string hold = height_to_hold(report, *loose.pose, loose.component);
   if (!hold.empty())
     return loose.pose->component_name(loose.component) + text(" is known to %.3g m only", sigma) +
-           ": all axes that turn are parallel, so along them the places of what is mounted at the "
-           "base and at the other end are one number, which no posture tells: " +
+           ": all that moves turns about one direction only, so along it the places of what is "
+           "mounted at the base and at the other end are one number, which no posture tells: " +
            hold_words(hold);
   const std::string known =
       loose.pose->name + " is known to " +

@@ -367,9 +367,9 @@ void warn_of_widths(const Report& report, Warnings& out) {
   for (const AutomaticGroup& group : report.automatic)
     if (group.factor > kUnusualWidth && !group.held)
       wide.push_back({group.name,
-                      "group '" + group.name +
-                          text("': its numbers are off by %.0f times as much as usual: look for a "
-                               "mistake in the rig or the data that they take up",
+                      "numbers of group '" + group.name +
+                          text("' are off by %.0f times as much as usual: look for a mistake in "
+                               "the rig or the data that they take up",
                                group.factor),
                       group.factor});
   warn("width", "groups are much worse than usual", std::move(wide), out);

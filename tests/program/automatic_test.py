@@ -381,7 +381,9 @@ sensors:
     def test_gears_that_were_left_out(self):
         """Gears are estimated only when asked for; that the data speak for them is said, and only then."""
         gears = {"joint/j%d/scale" % j: 1 + 2e-3 * (-1) ** j for j in range(1, 7)}
-        told = [w["text"] for w in self.estimated(gears)["warnings"] if w["id"] == "gears"]
+        result = self.estimated(gears)
+        self.assertEqual(result["verdict"]["use"], "doubts")
+        told = [w["text"] for w in result["warnings"] if w["id"] == "gears"]
         self.assertEqual(len(told), 1)
         self.assertIn("--group gears estimates them", told[0])
         self.assertNotIn("gears", [w["id"] for w in self.estimated(gears, options=("--group", "gears"))["warnings"]])

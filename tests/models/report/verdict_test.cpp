@@ -86,7 +86,7 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.automatic[0].name = "offsets";
   report.automatic[0].factor = 112;
   CHECK(judged(report).use == "no");
-  CHECK_THAT(verdict(report).text, StartsWith("group 'offsets': its numbers are off by 112 times"));
+  CHECK_THAT(verdict(report).text, StartsWith("numbers of group 'offsets' are off by 112 times"));
   CHECK_THAT(verdict(report).text, Contains(besides));
   report.diagnosis.emplace();
   report.diagnosis->findings = {
