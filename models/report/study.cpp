@@ -195,8 +195,7 @@ void look_with_less_free_first(const Rig& given, const Rig& freed,
     report.diagnosis = std::move(less);
 }
 
-/// Drops findings that cannot be, as a fit has explained every sample but for its noise: samples
-/// that do not belong, and what explains less than that fit.
+/// Drops what a fit of all samples refutes: samples that do not belong, and what explains less.
 void drop_what_the_fit_refutes(Diagnosis& diagnosis) {
   std::vector<Finding>& findings = diagnosis.findings;
   const auto refuted = [&](const Finding& f) {
@@ -309,8 +308,7 @@ bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
 }
 
 /// Residuals larger than stated: levels of joints and sensors together (else the sensors take up
-/// what all corners of a view share).
-/// `unknown_only`: of poses without a stated noise alone, all else stays.
+/// what all corners of a view share). `unknown_only`: of poses without a stated noise alone.
 void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
                        const Rig& given, NoiseRounds rounds, bool unknown_only, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
