@@ -80,7 +80,12 @@ Turned turned_sensor(const Recording& recording) {
   const bool can_turn =
       std::any_of(rig.tree.joints.begin(), rig.tree.joints.end(),
                   [](const Joint& j) { return j.moves() && j.type != JointType::prismatic; });
-  if (!can_turn || only_turning_axis(rig.tree)) return {};
+  if (!can_turn) return {};
+  std::set<int> links;
+  for (const Sensor& sensor : rig.sensors) links.insert(sensor.link);
+  for (const Target& target : rig.targets)
+    if (target.link >= 0) links.insert(target.link);
+  if (only_turn_of(recording, links)) return {};
   std::map<std::pair<int, int>, std::vector<Matrix3d>> pairs;
   for (const int i : recording.training()) {
     const Sample& sample = recording.samples[i];
@@ -115,19 +120,6 @@ Matrix3d turned_at_zero(const Tree& tree, int link) {
   return out;
 }
 
-std::optional<Vector3d> only_turning_axis(const Tree& tree) {
-  constexpr double kParallel = 0.999;
-  std::optional<Vector3d> out;
-  for (const Joint& joint : tree.joints) {
-    if (joint.type == JointType::floating || joint.type == JointType::planar) return {};
-    if (!joint.moves() || joint.type == JointType::prismatic) continue;
-    const Vector3d axis = turned_at_zero(tree, joint.child) * joint.axis;
-    if (out && std::abs(out->dot(axis)) < kParallel) return {};
-    out = axis;
-  }
-  return out;
-}
-
 std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<int>& links) {
   constexpr int kPostures = 8;
   constexpr double kParallel = 0.999, kTurned = 0.2;  // cosine; rad, for an axis to be told
@@ -139,6 +131,9 @@ std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<
   for (int k = 0, draw = 0; k < kPostures; ++k) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {
       const Joint& joint = tree.joints[j];
+      if (joint.type == JointType::floating || joint.type == JointType::planar ||
+          joint.axis_of_pose != PoseAxis::none)
+        return {};
       if (!joint.has_reading()) continue;
       const bool limits = joint.lower < joint.upper;
       const double share = std::fmod(kGolden * ++draw, 1.0), lower = limits ? joint.lower : -1,

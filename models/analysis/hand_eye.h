@@ -29,11 +29,7 @@ Matrix3d turned_at_zero(const Tree& tree, int link);
 
 /// Returns the one direction about which these links turn, in the root's frame, wherever the joints
 /// are: of a SCARA, and of a palletizer, whose followers keep the tool level. Nothing where there
-/// are more, or none.
+/// are more, or none, and where a link moves freely.
 std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<int>& links);
-
-/// Returns the direction of all axes that turn, in the root's frame; nothing where there are none,
-/// or they are not parallel.
-std::optional<Vector3d> only_turning_axis(const Tree& tree);
 
 }  // namespace kincal

@@ -196,10 +196,11 @@ void look_with_less_free_first(const Rig& given, const Rig& freed,
 }
 
 /// Drops what a fit of all samples refutes: samples that do not belong, and what explains less.
-void drop_what_the_fit_refutes(Diagnosis& diagnosis) {
-  std::vector<Finding>& findings = diagnosis.findings;
+void drop_what_the_fit_refutes(Report& report) {
+  if (report.noise_estimated || !of_stated_size(report.solution)) return;
+  std::vector<Finding>& findings = report.diagnosis->findings;
   const auto refuted = [&](const Finding& f) {
-    return f.id == "bad-samples" || (f.chi2_corrected && !explains(f, diagnosis.dof));
+    return f.id == "bad-samples" || (f.chi2_corrected && !explains(f, report.diagnosis->dof));
   };
   findings.erase(std::remove_if(findings.begin(), findings.end(), refuted), findings.end());
 }
@@ -210,11 +211,11 @@ void drop_what_the_fit_refutes(Diagnosis& diagnosis) {
 void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
   const Solution& solution = report.solution;
   add_diagnosis(given, solution.samples(), options, report);
-  if (of_stated_size(solution)) drop_what_the_fit_refutes(*report.diagnosis);
+  drop_what_the_fit_refutes(report);
   const std::set<std::string> mistaken = mistaken_numbers(report);
   if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
     add_diagnosis(found_but_for(mistaken, solution), solution.samples(), options, report);
-  if (of_stated_size(solution)) drop_what_the_fit_refutes(*report.diagnosis);
+  drop_what_the_fit_refutes(report);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 

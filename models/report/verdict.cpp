@@ -226,13 +226,11 @@ std::string what_to_do(const Report& report, const std::string& id) {
   if (id == "duplicates")
     return "leave out all but one of each: what is counted twice looks better known than it is";
   if (id == "repeated")
-    return "let the robot move between samples, or keep one of each posture: sigmas count errors "
-           "of "
-           "readings that are one error as many";
+    return "let the robot move between samples, or keep one of each posture: sigmas count one "
+           "error of readings as many";
   if (id == "gears")
     return "let them be estimated (the group gears), unless a board that is not as drawn or "
-           "readings "
-           "that are repeated look like them";
+           "repeated readings look like them";
   if (id == "jump") return kCureOfJumps;
   if (id == "systematic") return cure_of_trends(report);
   if (id == "rescaled")
