@@ -168,6 +168,9 @@ void add_gauges(MatrixXd space, int gauges, const VectorXd& scale, Observability
     if (scale(i) == 0) space.row(i).setZero();
   MatrixXd basis = singular_values(space, Eigen::ComputeThinU).u.leftCols(gauges);
   separate(basis);
+  // What is rounding in the rows turns a direction by that much towards the determined ones.
+  const double turned = kHeld / std::sqrt(kNullEigenvalue);
+  basis = (basis.array().abs() > turned).select(basis, 0.0);
   for (int j = 0; j < gauges; ++j) {
     Eigen::Index largest;
     basis.col(j).cwiseAbs().maxCoeff(&largest);

@@ -2,11 +2,12 @@
 //
 // Proves, on linear problems whose gauges are exact: a gauge with a prior is determined however
 // wide the prior is beside the data, with the covariance that elimination in exact coordinates
-// gives; what no prior touches stays unobservable beside it, and moves nothing of the rest; a
-// column of which the elimination of private unknowns leaves rounding has its prior's sigma; chi2,
-// rows and the effective number of unknowns of the data alone. Does not prove: the same of a robot
-// (models/calibration/priors_test.cpp).
+// gives; what no prior touches stays unobservable beside it, and moves nothing of the rest: its
+// direction is exactly 0 there; a column of which the elimination of private unknowns leaves
+// rounding has its prior's sigma; chi2, rows and the effective number of unknowns of the data
+// alone. Does not prove: the same of a robot (models/calibration/priors_test.cpp).
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <vector>
@@ -121,6 +122,16 @@ Observability observe_rows(int shared, const std::vector<MatrixXd>& rows, const 
   return observe(problem, VectorXd());
 }
 
+/// The columns that each unobservable direction touches, by all that is not 0; sorted.
+std::vector<std::vector<int>> touched(const Observability& o) {
+  std::vector<std::vector<int>> out(static_cast<size_t>(o.null_space.cols()));
+  for (Eigen::Index d = 0; d < o.null_space.cols(); ++d)
+    for (int c = 0; c < o.null_space.rows(); ++c)
+      if (o.null_space(c, d) != 0) out[static_cast<size_t>(d)].push_back(c);
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
 }  // namespace
 
 TEST_CASE("held gauges: priors from narrow to wide beside precise data determine them") {
@@ -166,9 +177,12 @@ TEST_CASE("held gauges: what no prior touches stays unobservable beside them") {
               1e-6 * std::sqrt(expected(i, i) * expected(k, k)));
     CHECK(std::sqrt(o.covariance(3, 3)) == Approx(sigma).epsilon(1e-6));
     CHECK(o.decided_by_priors == Approx(1));
+    CHECK(touched(o) == std::vector<std::vector<int>>{{4, 5}});
     // Without any prior both gauges are.
-    CHECK(observe_rows(6, {data}, MatrixXd(0, 7)).directions.size() == 2);
-    CHECK(observe_rows(6, {data}, MatrixXd(0, 7)).dof_data() == 40 - 4);
+    const Observability bare = observe_rows(6, {data}, MatrixXd(0, 7));
+    CHECK(bare.directions.size() == 2);
+    CHECK(touched(bare) == std::vector<std::vector<int>>{{0, 1, 3}, {4, 5}});
+    CHECK(bare.dof_data() == 40 - 4);
   }
 }
 
@@ -206,8 +220,11 @@ TEST_CASE("held gauges: many at once, with columns that nothing depends on") {
   }
   const Observability bare = observe_rows(60, {data}, MatrixXd(0, 61));
   REQUIRE(bare.directions.size() == 30);
-  for (const auto& direction : bare.directions) {
+  const std::vector<std::vector<int>> columns = touched(bare);
+  for (size_t d = 0; d < bare.directions.size(); ++d) {
+    const auto& direction = bare.directions[d];
     CHECK((direction.size() == 1 || direction.size() == 2));
+    CHECK(columns[d].size() == direction.size());  // rounding is no part of it
     for (const auto& [column, coefficient] : direction) CHECK(std::abs(coefficient) == Approx(1));
   }
   CHECK(bare.covariance.allFinite());

@@ -378,6 +378,55 @@ TEST_CASE("frames: a direction that nothing determines is reported where it move
   CHECK(report_of(dead, "tool").workspaces[0].position.rms > 1e-6);
 }
 
+TEST_CASE("frames: a direction that nothing determines leaves what it does not touch",
+          "[validation]") {
+  // Two arms, each with a tracker of its own. The place of the second is not told from the zero of
+  // its first joint: that is nothing to the first arm, though both are estimated together.
+  Rig rig = tracked_arm();
+  add_joint(rig, JointType::revolute, "turn_2", "base", "turret_2", {0, 0, 1}, at({0, -1, 0.4}),
+            0.0003);
+  add_joint(rig, JointType::revolute, "lift_2", "turret_2", "tool_2", {0, 1, 0}, at({0.1, 0, 0.1}),
+            0.0004);
+  finish_tree(rig.tree);
+  for (Joint& j : rig.tree.joints) j.lower = -1.5, j.upper = 1.5;
+  add_tracker(rig, "tracker_2", "base", at({2, -0.7, 0.5}, {0, 0, 2}), {0.0005, 0.0005, 0.0005});
+  add_points(rig, "reflectors_2", corners(), "tool_2", at({0.05, 0, 0.02}));
+  rig.steps[0].sensors = {0, 1};
+  for (const char* name : {"sensor/tracker_2/pose", "joint/lift_2/offset"})
+    rig.steps[0].free.push_back(name);
+  SimulationOptions options;
+  options.seed = 3;
+  options.samples = 20;
+  options.pairs = {{0, 0}, {1, 1}};
+  const std::vector<Sample> samples =
+      simulate(rig, ParameterTable(rig), some_truth(rig), options).samples;
+  const Solution known = solution_of(rig, samples);
+  REQUIRE(known.status == Status::converged);
+  rig.steps[0].free.push_back("joint/turn_2/offset");
+  const Solution open = solution_of(rig, samples);
+  REQUIRE(open.status == Status::unobservable);
+
+  const auto sigma_of = [](const Solution& solution, const char* name) {
+    return report_frame(solution, last_unknowns(linearise(solution)),
+                        *find_frame(solution.rig(), solution.table(), name))
+        .workspaces[0];
+  };
+  for (const char* name : {"tool", "sensor/tracker", "target/reflectors"}) {
+    INFO(name);
+    CHECK(sigma_of(open, name).position.rms ==
+          Approx(sigma_of(known, name).position.rms).epsilon(1e-3));
+    CHECK(sigma_of(open, name).rotation.rms ==
+          Approx(sigma_of(known, name).rotation.rms).epsilon(1e-3));
+  }
+  for (const char* name : {"tool_2", "sensor/tracker_2"})
+    CHECK(std::isnan(sigma_of(open, name).rotation.rms));
+  const std::map<int, Matrix3d> covariances =
+      position_covariances(open, last_unknowns(linearise(open)));
+  CHECK(covariances.count(open.table().target_pose[0]) == 1);
+  CHECK(covariances.count(open.table().sensor_pose[0]) == 1);
+  CHECK(covariances.count(open.table().sensor_pose[1]) == 0);
+}
+
 TEST_CASE("frames: what the last step holds is taken as exact and named", "[validation]") {
   Rig rig = tracked_arm();
   Step last = rig.steps[0];
