@@ -150,13 +150,26 @@ bool plain_ok(const std::string& text, bool in_flow) {
   return true;
 }
 
+/// May readers of YAML 1.1 or 1.2 take the plain text for a number, a date, a truth value or
+/// nothing? Stricter than either.
+bool taken_for_other(const std::string& text) {
+  static const std::set<std::string> words = {"y",     "n",     "yes",   "no",   "on",
+                                              "off",   "true",  "false", "null", ".inf",
+                                              "+.inf", "-.inf", ".nan"};
+  std::string lower;
+  for (const char c : text) lower += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  const size_t first = text.find_first_not_of("+-.");
+  return words.count(lower) > 0 ||
+         (first != std::string::npos && std::isdigit(static_cast<unsigned char>(text[first])));
+}
+
 std::string scalar_text(const Node& node, bool in_flow) {
   if (node.kind == Node::Kind::null) return "null";
   return node.quoted || !plain_ok(node.text, in_flow) ? quoted_text(node.text, Quoting::yaml)
                                                       : node.text;
 }
 std::string key_text(const std::string& key, bool in_flow) {
-  return plain_ok(key, in_flow) ? key : quoted_text(key, Quoting::yaml);
+  return scalar_text(text_node(key), in_flow);
 }
 
 bool is_scalar(const Node& node) {
@@ -276,6 +289,12 @@ std::string to_yaml(const Node& node) {
   return out;
 }
 
-std::string yaml_text(const std::string& text) { return scalar_text(scalar_node(text), false); }
+Node text_node(const std::string& text) {
+  Node node = scalar_node(text);
+  node.quoted = taken_for_other(text);
+  return node;
+}
+
+std::string yaml_text(const std::string& text) { return scalar_text(text_node(text), true); }
 
 }  // namespace kincal

@@ -109,7 +109,7 @@ std::string kalibr_text(const std::vector<LensNumbers>& lenses,
            "\n  distortion_model: " + (fisheye ? "equidistant" : "radtan") +
            "\n  distortion_coeffs: " + real_list(fisheye ? lens.distortion : radtan(lens)) +
            "\n  resolution: [" + std::to_string(lens.width) + ", " + std::to_string(lens.height) +
-           "]\n  rostopic: /" + lens.name + "/image_raw\n";
+           "]\n  rostopic: " + yaml_text("/" + lens.name + "/image_raw") + "\n";
   }
   return out;
 }

@@ -179,7 +179,7 @@ std::string changes_text(const RigFile& rig_file, const UrdfChanges& changes,
   }
   if (!bent.empty()) out += "joint_models:  # robot.urdf has their offsets only\n";
   for (const BentJoint& b : bent) {
-    out += "  " + key_of(b.joint) + ": {model: " + b.model;
+    out += "  " + key_of(b.joint) + ": {model: " + yaml_text(b.model);
     for (const auto& number : b.numbers)
       out += ", " + number.first + ": " + shortest(number.second);
     out += "}\n";

@@ -92,7 +92,7 @@ bool same(const JointSettings& a, const JointSettings& b) {
 /// Another model, and those of its numbers that changed.
 void set_model(Node& entry, const JointSettings& given, const JointSettings& now) {
   const bool other = given.model != now.model;
-  if (other) member(entry, "model") = scalar_node(now.model->name());
+  if (other) member(entry, "model") = text_node(now.model->name());
   const std::vector<JointNumber> numbers = now.model->further();
   for (size_t k = 0; k < numbers.size(); ++k)
     if (other || given.further[k] != now.further[k])
@@ -115,7 +115,7 @@ Node joint_node(const JointSettings& settings, bool named) {
   member(node, "offset") = number_node(settings.offset);
   member(node, "scale") = number_node(settings.scale);
   const JointSettings plain;
-  if (named) member(node, "model") = scalar_node(settings.model->name());
+  if (named) member(node, "model") = text_node(settings.model->name());
   if (named || settings.model != plain.model) set_model(node, plain, settings);
   return node;
 }
@@ -272,7 +272,7 @@ void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& 
   Node& node = member(member(rig.node, "sensors"), sensor.name);
   const SensorModel &before = *sensor.model, &now = *found.model;
   if (typeid(before) != typeid(now)) {  // else the rig's own word for it stays
-    member(node, "model") = scalar_node(model);
+    member(node, "model") = text_node(model);
     erase_member(node, "distortion");
   }
   for (const ParameterBlock& block : found.parameters) {
@@ -286,7 +286,7 @@ void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& 
 
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot) {
   Node root = rig.node;
-  if (!rig.flange_only) member(root, "robot") = scalar_node(robot);
+  if (!rig.flange_only) member(root, "robot") = text_node(robot);
   set_joints(root, rig, values);
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];

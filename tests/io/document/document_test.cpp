@@ -556,6 +556,39 @@ TEST_CASE("names that no reader may misread are written in quotes", "[document]"
   CHECK_THAT(text, Contains("\xc3\xa9t\xc3\xa9") && Contains("e\xe2\x80\xa6"));  // these stay
 }
 
+TEST_CASE("names that readers of YAML take for something else are written in quotes",
+          "[document]") {
+  // Truth values, nothing, whole numbers (of base 2, 8, 10, 16, 60), others, dates: YAML 1.1
+  // or 1.2.
+  for (const std::string name :
+       {"yes",   "No",         "y",          "N",    "on",  "OFF",  "true",  "False",
+        "null",  "NULL",       "0x10",       "0o17", "017", "0b11", "1e5",   "12",
+        "-3",    "+1",         "1_000",      "1.5",  ".5",  ".inf", "-.Inf", ".nan",
+        "12:30", "2001-01-31", "685_230.15", "=",    "<<",  "~"}) {
+    INFO(name);
+    const std::string quoted = "\"" + name + "\"";
+    Node inner, outer;
+    inner.kind = outer.kind = Node::Kind::mapping;
+    inner.members = {{name, scalar_node("1")}};
+    outer.members = {{name, inner}};  // as a key of a block and of a line
+    CHECK(to_yaml(outer) == quoted + ": {" + quoted + ": 1}\n");
+    CHECK(yaml_text(name) == quoted);
+  }
+  for (const std::string name : {"left", "joint/j1/offset", "Yes_camera", "n1", "e5", "_1", "x0x10",
+                                 "../arm.urdf", "-x", "+a", "yes no", "\xc3\xa9t\xc3\xa9"}) {
+    INFO(name);
+    CHECK(yaml_text(name) == name);
+  }
+  // In a list or mapping of one line too.
+  for (const std::string name : {"a,b", "a]", "{a", "a:b"}) {
+    INFO(name);
+    const Node back = parse_yaml("[" + yaml_text(name) + ", " + yaml_text("c") + "]", "f.yaml");
+    REQUIRE(back.items.size() == 2);
+    CHECK(back.items[0].text == name);
+  }
+  CHECK(to_yaml(parse_yaml("yes: no", "f.yaml")) == "\"yes\": no\n");  // of values the file decides
+}
+
 TEST_CASE("keys of YAML are as long as they can be written", "[document]") {
   CHECK(yaml_error(std::string(250, 'k') + ": 1") == "");
   CHECK_THAT(yaml_error(std::string(251, 'k') + ": 1"),
