@@ -262,8 +262,8 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
   for (size_t j = 0; j < written.rig.joints.size(); ++j)
     if (written.rig.joints[j].noise_unknown) values.joint_sigmas[j] = 0;  // as the rig has it: open
   for (const CameraIntrinsics& camera : result.cameras)
-    values.sensor_poses[camera.camera] =
-        calibrated_camera(rig_file.rig, result, camera).link_T_sensor;
+    if (const Sensor found = calibrated_camera(rig_file.rig, result, camera); found.pose_given)
+      values.sensor_poses[camera.camera] = found.link_T_sensor;
   for (const IntrinsicsGroup& group : result.groups)
     for (const ParameterEstimate& e : group.solution.parameters) {
       const Parameter& p = group.solution.table().all[e.parameter];

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <memory>
 
+#include "../../models/analysis/frames.h"
 #include "../document/files.h"
 #include "../document/numbers.h"
 #include "../document/quoting.h"
@@ -37,13 +38,13 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
       out.joint_further[j][k] =
           values(table.all[table.joint_offset[j] + 2 + static_cast<int>(k)].start);
   }
-  const auto changed_pose = [&](int parameter, const Pose& rigs) {
-    const int start = table.all[parameter].start;
-    const Pose now = get_pose(values, start);
-    return equal(now, rigs) ? rigs : now;
+  const std::vector<int> unknown = unseen_poses(solution).open;
+  const auto known_pose = [&](int parameter) -> std::optional<Pose> {
+    if (std::count(unknown.begin(), unknown.end(), parameter)) return std::nullopt;
+    return get_pose(values, table.all[parameter].start);
   };
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
-    out.sensor_poses[s] = changed_pose(table.sensor_pose[s], rig.sensors[s].link_T_sensor);
+    out.sensor_poses[s] = known_pose(table.sensor_pose[s]);
     for (size_t b = 0; b < rig.sensors[s].parameters.size(); ++b) {
       const Parameter& p = table.all[table.sensor_block[s] + static_cast<int>(b)];
       out.sensor_parameters[s][b].assign(values.data() + p.start,
@@ -51,8 +52,7 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
     }
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
-    if (rig.targets[t].link >= 0)
-      out.target_poses[t] = changed_pose(table.target_pose[t], rig.targets[t].link_T_target);
+    if (rig.targets[t].link >= 0) out.target_poses[t] = known_pose(table.target_pose[t]);
     if (rig.targets[t].grid) {
       out.target_squares[t] = values(table.all[table.target_square[t]].start);
       if (table.target_warp[t] >= 0)

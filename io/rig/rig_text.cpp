@@ -67,10 +67,19 @@ void set_numbers(Node& mapping, const std::string& key, const std::vector<double
 
 // ------------------------------------------------------------------------------------------------
 // parts of a rig
-/// A changed translation or rotation goes into `pose` of a mapping; the rotation as a quaternion,
-/// which reads back exactly enough.
-void set_pose(Node& mapping, const Pose& old, const Pose& now) {
-  const bool moved = old.translation != now.translation, turned = old.rotation != now.rotation;
+/// The pose that a sensor's or target's entry gives; none: it gives none.
+template <class Thing>
+std::optional<Pose> given_pose(const Thing& thing, const Pose& pose) {
+  return thing.pose_given ? std::optional<Pose>(pose) : std::nullopt;
+}
+
+/// A changed or new translation and a changed rotation go into `pose` of a mapping; the rotation as
+/// a quaternion, which reads back exactly enough.
+void set_pose(Node& mapping, const std::optional<Pose>& old, const std::optional<Pose>& known) {
+  if (!known) return;
+  const Pose& now = *known;
+  const bool moved = !old || old->translation != now.translation,
+             turned = old.value_or(Pose()).rotation != now.rotation;
   if (!moved && !turned) return;
   Node& pose = member(mapping, "pose", {"link"});
   if (pose.kind != Node::Kind::mapping) pose = mapping_node();
@@ -185,10 +194,10 @@ void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigm
       member(written, names[i]) = number_node(sigma[i * stride]);
 }
 
-void set_sensor(Node& node, const Sensor& sensor, const Pose& pose,
+void set_sensor(Node& node, const Sensor& sensor, const std::optional<Pose>& pose,
                 const std::vector<double>& sigma,
                 const std::vector<std::vector<double>>& parameters) {
-  set_pose(node, sensor.link_T_sensor, pose);
+  set_pose(node, given_pose(sensor, sensor.link_T_sensor), pose);
   set_sigma(node, sensor, sigma);
   for (size_t b = 0; b < sensor.parameters.size(); ++b) {
     const ParameterBlock& block = sensor.parameters[b];
@@ -197,9 +206,10 @@ void set_sensor(Node& node, const Sensor& sensor, const Pose& pose,
   }
 }
 
-void set_target(Node& node, const Target& target, const Pose& pose, double square,
+void set_target(Node& node, const Target& target, const std::optional<Pose>& pose, double square,
                 const Eigen::Matrix3Xd& points) {
-  if (target.link >= 0) set_pose(member(node, "mount"), target.link_T_target, pose);
+  if (target.link >= 0)
+    set_pose(member(node, "mount"), given_pose(target, target.link_T_target), pose);
   if (target.grid) {
     if (square != target.square)
       member(node, find_type(target_types(), target.type)->size) = number_node(square);
@@ -225,14 +235,14 @@ RigValues values_of(const Rig& rig) {
       values.joint_further.back().push_back(number.value);
   }
   for (const Sensor& sensor : rig.sensors) {
-    values.sensor_poses.push_back(sensor.link_T_sensor);
+    values.sensor_poses.push_back(given_pose(sensor, sensor.link_T_sensor));
     values.sensor_sigmas.push_back(sensor.sigma);
     values.sensor_parameters.emplace_back();
     for (const ParameterBlock& block : sensor.parameters)
       values.sensor_parameters.back().push_back(block.values);
   }
   for (const Target& target : rig.targets) {
-    values.target_poses.push_back(target.link_T_target);
+    values.target_poses.push_back(given_pose(target, target.link_T_target));
     values.target_squares.push_back(target.square);
     values.target_warps.push_back(target.warp);
     values.target_points.push_back(target.points);

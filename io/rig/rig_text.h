@@ -1,6 +1,7 @@
 // rig.yaml written again with other values: what did not change keeps its text.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,9 +26,9 @@ struct RigValues {
   std::vector<std::shared_ptr<const JointModel>> joint_models;
   std::vector<std::vector<double>> joint_further;  // numbers of the models beyond offset and scale
   std::vector<std::vector<double>> sensor_sigmas;  // by sensor index, as the model takes them
-  std::vector<Pose> sensor_poses;                  // by sensor index
+  std::vector<std::optional<Pose>> sensor_poses;   // by sensor index; none: not known
   std::vector<std::vector<std::vector<double>>> sensor_parameters;  // by sensor, block, component
-  std::vector<Pose> target_poses;  // by target index; of free ones ignored
+  std::vector<std::optional<Pose>> target_poses;  // by target index; of free ones ignored
   std::vector<double> target_squares;
   std::vector<Eigen::Vector2d> target_warps;
   std::vector<Eigen::Matrix3Xd> target_points;  // not grids
@@ -35,8 +36,8 @@ struct RigValues {
 RigValues values_of(const Rig& rig);
 
 /// Returns the rig's text with `values` where they differ from the rig's own (poses: also where the
-/// rig has none and the value is not the identity), and `robot` as the robot's file. Joints'
-/// numbers become entries of their own, after the globs.
+/// rig has none), and `robot` as the robot's file. Joints' numbers become entries of their own,
+/// after the globs.
 /// @throws InputError if a joint has another model than in the text, and one that a rig cannot
 /// name.
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot);

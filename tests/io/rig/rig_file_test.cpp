@@ -188,9 +188,10 @@ std::string edited(std::string text, const Mistake& mistake, std::string& messag
   return text.replace(at, mistake.from.size(), mistake.to);
 }
 
-bool same_pose(const Pose& a, const Pose& b, double tolerance) {
-  return a.translation == b.translation &&
-         (a.rotation - b.rotation).cwiseAbs().maxCoeff() <= tolerance;
+bool same_pose(const std::optional<Pose>& a, const std::optional<Pose>& b, double tolerance) {
+  if (!a || !b) return !a && !b;
+  return a->translation == b->translation &&
+         (a->rotation - b->rotation).cwiseAbs().maxCoeff() <= tolerance;
 }
 
 /// The numbers of two rigs: all bit for bit, rotations to `tolerance`.
@@ -522,17 +523,18 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
     if (s == 2) continue;  // one without a pose stays so
     Vector6d xi;
     xi << 0.1, -1e-7, 1 / 7.0, 0.3 * static_cast<double>(s), -3, 1e-6;
-    values.sensor_poses[s] = values.sensor_poses[s] * exp_se3(xi);
+    values.sensor_poses[s] = rig.rig.sensors[s].link_T_sensor * exp_se3(xi);
   }
   values.sensor_poses[0] = rig.rig.sensors[0].link_T_sensor;
-  values.sensor_poses[0].translation.y() = 1e-17;  // only moved
+  values.sensor_poses[0]->translation.y() = 1e-17;  // only moved
+  values.sensor_poses[6] = Pose();                  // held where the rig has none
   for (auto& blocks : values.sensor_parameters)
     for (auto& block : blocks)
       for (double& value : block) value += 0.1 / 3;
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     values.target_squares[t] *= 1.0001;
     if (rig.rig.targets[t].link >= 0)
-      values.target_poses[t] = values.target_poses[t] * exp_se3(Vector6d::Constant(0.01));
+      values.target_poses[t] = rig.rig.targets[t].link_T_target * exp_se3(Vector6d::Constant(0.01));
   }
   values.target_points[1](0, 0) = -0.0;
   values.target_points[1](1, 0) = 1e-300;
@@ -546,6 +548,9 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
   CHECK(written.rig.joints[pan].sigma == 0.001);
   CHECK_FALSE(written.rig.sensors[2].pose_given);
   CHECK(written.rig.sensors[1].pose_given);
+  CHECK(written.rig.sensors[6].pose_given);
+  CHECK_THAT(text, Contains("  mocap:\n    type: pose\n    link: base_link\n"
+                            "    pose:\n      xyz: [0, 0, 0]\n"));
   CHECK_THAT(
       text,
       Contains("robot: new robot.urdf\n") &&
