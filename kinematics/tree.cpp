@@ -52,13 +52,16 @@ void finish_tree(Tree& tree) {
   }
   if (root_count > 1)
     throw std::invalid_argument("the links form several trees, with the roots " + roots);
-  for (const Joint& joint : tree.joints) {
+  for (int j = 0; j < joints; ++j) {
+    Joint& joint = tree.joints[j];
     const Joint* at = &joint;
     for (int steps = 0; at->mimic; ++steps) {
       if (steps > joints)
         throw std::invalid_argument("joint '" + joint.name + "' mimics itself, by way of others");
       at = &tree.joints[at->mimic->master];
     }
+    joint.stands_at.reset();
+    if (joint.mimic && !at->has_axis()) joint.stands_at = driver(tree, j).offset;
   }
 }
 
@@ -115,10 +118,11 @@ std::pair<double, double> usual_range(const Joint& joint) {
 
 Pose joint_motion(const Joint& joint, double position) {
   Pose motion;
+  const double q = joint.stands_at.value_or(position);
   if (joint.type == JointType::prismatic)
-    motion.translation = position * joint.axis;
-  else if (joint.moves())
-    motion.rotation = rotation_about(joint.axis, position);
+    motion.translation = q * joint.axis;
+  else if (joint.has_axis())
+    motion.rotation = rotation_about(joint.axis, q);
   return motion;
 }
 

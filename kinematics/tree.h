@@ -5,7 +5,8 @@
 // parent_T_joint (the URDF's origin) constant, motion a rotation about or a translation along a
 // unit axis given in the joint's frame. The calibrated position of a joint is  scale * reading +
 // offset  (done by the caller); a mimic joint has  position = multiplier * position(master) +
-// offset  and no reading of its own.
+// offset  and no reading of its own. A master that is fixed, floating or planar stands at 0: what
+// follows it stands still.
 //
 // A path a -> b goes up from a to the common ancestor and down to b; what lies above the ancestor
 // cancels and is not walked. Going down a joint multiplies by  origin * motion(q), going up by
@@ -44,16 +45,21 @@ struct Joint {
   Pose parent_T_joint;                // the URDF's origin
   Vector3d axis = Vector3d::UnitX();  // unit length, in the joint's frame; meaningless where !moves
   std::optional<Mimic> mimic;
-  double lower = 0, upper = 0;  // limits, rad or m; lower == upper: none given
+  std::optional<double> stands_at;  // of a follower of what has no axis: its only position
+  double lower = 0, upper = 0;      // limits, rad or m; lower == upper: none given
   PoseAxis axis_of_pose = PoseAxis::none;
   int floating = -1;    // of an axis of a pose: the floating joint
   int first_axis = -1;  // of a floating joint that is opened: its first axis
 
-  /// True if the joint has one degree of freedom, which this module can walk.
-  bool moves() const {
+  /// True if the joint turns about its axis or slides along it, were it but to stand still.
+  bool has_axis() const {
     return type == JointType::revolute || type == JointType::continuous ||
            type == JointType::prismatic;
   }
+  /// True if the joint has one degree of freedom, which this module can walk.
+  bool moves() const { return has_axis() && !stands_at; }
+  /// True if the joint holds its child where it is.
+  bool is_rigid() const { return type == JointType::fixed || stands_at; }
   /// True if the joint moves and mimics nothing.
   bool drives() const { return moves() && !mimic; }
   /// True if the joint moves and has a reading of its own (and so an offset, a scale and a noise).
@@ -72,8 +78,8 @@ struct Tree {
   int find_joint(const std::string& name) const;
 };
 
-/// Fills joint_above and root and checks the structure. Joints must have valid link indices and
-/// unit axes.
+/// Fills joint_above, root and stands_at and checks the structure. Joints must have valid link
+/// indices and unit axes.
 /// @throws std::invalid_argument naming the links or joints: no link; several roots; a link with
 /// two parents; a loop
 ///         (also one detached from the root); a mimic loop.
@@ -81,6 +87,7 @@ void finish_tree(Tree& tree);
 
 /// A Driver is the joint with a reading behind a joint that may mimic others:  position(joint) =
 /// factor * position(driver) + offset. A joint that mimics nothing is its own driver, with 1 and 0.
+/// That of a joint that stands still has no reading.
 struct Driver {
   int joint;
   double factor, offset;
@@ -107,9 +114,14 @@ Path find_path(const Tree& tree, int from, int to);
 /// of continuous joints, +-pi or +-0.5 m. What carries the error of a pose has none (0, 0).
 std::pair<double, double> usual_range(const Joint& joint);
 
-/// Returns the motion of a joint at a position (rad or m); it is the identity for joints that do
-/// not move.
+/// Returns the motion of a joint at a position (rad or m). That of one that stands still is the
+/// same at every position, that of one without an axis the identity.
 Pose joint_motion(const Joint& joint, double position);
+
+/// Returns parent_T_child of a joint that is rigid, or at position 0.
+inline Pose pose_at_zero(const Joint& joint) {
+  return joint.parent_T_joint * joint_motion(joint, 0);
+}
 
 /// Walks one step of a path, from a_T_from (in front of it) to a_T_to; a_T_joint is the joint's
 /// frame before its motion.

@@ -10,7 +10,7 @@ namespace kincal {
 namespace {
 
 std::string limits_text(const Joint& joint) {
-  if (!joint.moves()) return "";
+  if (!joint.has_axis()) return "";
   if (joint.lower == joint.upper) return "no limits";
   return text("%.4g to %.4g ", joint.lower, joint.upper) +
          (joint.type == JointType::prismatic ? "m" : "rad");
@@ -19,7 +19,8 @@ std::string limits_text(const Joint& joint) {
 std::string mimic_text(const Tree& tree, const Joint& joint) {
   if (!joint.mimic) return "";
   return "mimics " + tree.joints[joint.mimic->master].name +
-         text(" (times %.4g, plus %.4g)", joint.mimic->multiplier, joint.mimic->offset);
+         text(" (times %.4g, plus %.4g)", joint.mimic->multiplier, joint.mimic->offset) +
+         (joint.stands_at ? ": stands still" : "");
 }
 
 }  // namespace
@@ -43,9 +44,9 @@ std::string tree_table(const Tree& tree) {
       const Joint& joint = tree.joints[above];
       const Vector3d& a = joint.axis;
       row.insert(row.end(), {joint.name, type_name(joint.type), limits_text(joint),
-                             joint.moves() ? text("axis %.3g", a.x() + 0.0) +
-                                                 text(" %.3g %.3g", a.y() + 0.0, a.z() + 0.0)
-                                           : "",
+                             joint.has_axis() ? text("axis %.3g", a.x() + 0.0) +
+                                                    text(" %.3g %.3g", a.y() + 0.0, a.z() + 0.0)
+                                              : "",
                              mimic_text(tree, joint)});
     }
     row.resize(rows[0].size());

@@ -28,8 +28,8 @@ std::optional<Pose> fixed_pose(const Tree& tree, int a, int b) {
   Pose a_T_top, b_T_top;
   for (const auto& [joints, pose] : {std::make_pair(&up, &a_T_top), {&down, &b_T_top}})
     for (int j : *joints) {
-      if (tree.joints[j].type != JointType::fixed) return std::nullopt;
-      *pose = *pose * inverse(tree.joints[j].parent_T_joint);
+      if (!tree.joints[j].is_rigid()) return std::nullopt;
+      *pose = *pose * inverse(pose_at_zero(tree.joints[j]));
     }
   return a_T_top * inverse(b_T_top);
 }

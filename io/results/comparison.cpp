@@ -20,7 +20,8 @@ constexpr int kPostures = 1000;
 constexpr std::uint64_t kSeed = 1;
 
 std::string motion_of(const Joint& j) {
-  return std::string(type_name(j.type)) + (j.moves() ? " about or along " + shortest(j.axis) : "");
+  return std::string(type_name(j.type)) +
+         (j.has_axis() ? " about or along " + shortest(j.axis) : "");
 }
 
 /// Links, joints, their topology and their motions must be the same; origins may differ.
@@ -51,7 +52,7 @@ void check_same_robot(const CalibratedFiles& a, const CalibratedFiles& b) {
       refuse("joint '" + j.name + "' is between '" + s.links[j.parent] + "' and '" +
              s.links[j.child] + "' in one, between '" + t.links[k.parent] + "' and '" +
              t.links[k.child] + "' in the other");
-    if (j.type != k.type || (j.moves() && (j.axis - k.axis).norm() > kEqual))
+    if (j.type != k.type || (j.has_axis() && (j.axis - k.axis).norm() > kEqual))
       refuse("joint '" + j.name + "' is " + motion_of(j) + " in one, " + motion_of(k) +
              " in the other");
     const bool mimics =

@@ -24,7 +24,7 @@ Pose read_exact_pose(const Field& field) {
 
 std::string motion_text(const Tree& tree, const Joint& joint) {
   std::string out = type_name(joint.type);
-  if (joint.moves()) out += " " + shortest(joint.axis);
+  if (joint.has_axis()) out += " " + shortest(joint.axis);
   if (joint.mimic)
     out += " mimics " + tree.joints[joint.mimic->master].name + " times " +
            shortest(joint.mimic->multiplier) + " plus " + shortest(joint.mimic->offset);

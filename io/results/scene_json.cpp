@@ -47,7 +47,7 @@ void add_joint(const Solution& solution, int j, Json& out) {
   const Joint& joint = rig.tree.joints[j];
   out["joint"] = joint.name;
   out["type"] = type_name(joint.type);
-  if (!joint.moves()) return;
+  if (!joint.has_axis()) return;
   out["axis"] = vector3(joint.axis);
   if (joint.lower != joint.upper) out["limits"] = numbers({joint.lower, joint.upper});
   if (joint.mimic)

@@ -251,7 +251,7 @@ std::string moved_along(const Tree& tree, const NewRig& rig, const NewSensor& se
     return false;
   };
   for (const Joint& j : tree.joints)
-    if (j.type != JointType::fixed && below(j.parent)) return "joint " + yaml_text(j.name);
+    if (!j.is_rigid() && below(j.parent)) return "joint " + yaml_text(j.name);
   for (const NewSensor& s : rig.sensors)
     if (&s != &sensor && below(tree.find_link(s.link))) return "sensor " + yaml_text(s.name);
   for (const NewTarget& t : rig.targets)

@@ -123,8 +123,8 @@ int read_mount_joint(const Field& field, const Tree& tree, int link) {
   const std::string given = field.string();
   Names valid;
   int j = tree.joint_above[link];
-  for (; j >= 0 && tree.joints[j].type == JointType::fixed;
-       j = tree.joint_above[tree.joints[j].parent]) {
+  for (; j >= 0 && tree.joints[j].is_rigid(); j = tree.joint_above[tree.joints[j].parent]) {
+    if (tree.joints[j].type != JointType::fixed) continue;  // it stands still
     valid.push_back("joint/" + tree.joints[j].name);
     if (valid.back() == given) return j;
   }

@@ -156,7 +156,7 @@ class WrittenRobot {
           it->second.parent != tree.links[joint.parent] || it->second.type != joint.type)
         fail("another joint in place of '" + joint.name + "'");
       joints_[j] = it->second;
-      if (joint.moves() &&
+      if (joint.has_axis() &&
           joints_[j].master != (joint.mimic ? tree.joints[joint.mimic->master].name : ""))
         fail("another mimic in joint '" + joint.name + "'");
     }
@@ -181,7 +181,7 @@ class WrittenRobot {
 
  private:
   double position(int j, const std::vector<double>& readings) const {
-    if (!tree_.joints[j].moves()) return 0;
+    if (!tree_.joints[j].has_axis()) return 0;
     if (!tree_.joints[j].mimic) return readings[j];
     return joints_[j].multiplier * position(tree_.joints[j].mimic->master, readings) +
            joints_[j].offset;

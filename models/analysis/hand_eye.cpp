@@ -116,7 +116,7 @@ Turned turned_sensor(const Recording& recording) {
 Matrix3d turned_at_zero(const Tree& tree, int link) {
   Matrix3d out = Matrix3d::Identity();
   for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
-    out = tree.joints[j].parent_T_joint.rotation * out;
+    out = pose_at_zero(tree.joints[j]).rotation * out;
   return out;
 }
 

@@ -88,9 +88,9 @@ Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int m
   Pose begin_T_end;
   for (const PathStep& step : path) {
     const Joint& joint = rig().tree.joints[step.joint];
-    Pose next = get_pose(values, table().all[table().joint_origin[step.joint]].start);
-    if (joint.moves())
-      next = next * joint_motion(joint, position(values, s, step.joint, moved, by));
+    const double q = joint.moves() ? position(values, s, step.joint, moved, by) : 0;
+    const Pose next = get_pose(values, table().all[table().joint_origin[step.joint]].start) *
+                      joint_motion(joint, q);
     begin_T_end = begin_T_end * (step.direction > 0 ? next : inverse(next));
   }
   return begin_T_end;

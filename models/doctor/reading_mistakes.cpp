@@ -32,7 +32,7 @@ int moving_joint_above(const Tree& tree, int joint) {
 Vector3d axis_seen_from(const Tree& tree, int above, int joint) {
   Vector3d axis = tree.joints[joint].axis;
   for (int j = joint; j >= 0 && j != above; j = tree.joint_above[tree.joints[j].parent])
-    axis = tree.joints[j].parent_T_joint.rotation * axis;
+    axis = pose_at_zero(tree.joints[j]).rotation * axis;
   return axis;
 }
 

@@ -157,7 +157,7 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
         r.tree.joints[j].parent_T_joint.rotation = r.tree.joints[j].parent_T_joint.rotation * m;
       };
     }
-    lower = joint.parent_T_joint * lower;
+    lower = pose_at_zero(joint) * lower;
   }
   const std::optional<Matrix3d> turn = near_turn(inverse(given) * found);
   if (!turn || (!stated && !out.empty())) return;

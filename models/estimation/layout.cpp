@@ -142,14 +142,14 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
   for (size_t k = 0; k < path.steps.size(); ++k) {
     const int j = path.steps[k].joint;
     const Joint& joint = rig.tree.joints[j];
-    if (!joint.moves() || static_cast<int>(k) == path.scan_step) continue;
+    if (!joint.has_axis() || static_cast<int>(k) == path.scan_step) continue;
     const int drv = driver(rig.tree, j).joint;
     if (path.scan_step >= 0 && drv == path.scanning_joint && joint.mimic)
       throw std::invalid_argument(
           "sensor '" + v.sensor->name + "': joint '" + joint.name +
           "' follows the scanning joint; only one joint may move within a view");
     if (std::find(s.joints.begin(), s.joints.end(), j) == s.joints.end()) s.joints.push_back(j);
-    if (setup.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 &&
+    if (joint.moves() && setup.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 &&
         std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
       s.noisy.push_back(drv);
   }

@@ -142,10 +142,13 @@ void Motion::motions(const PlacedSample& s, const VectorXd& state, Scratch& scra
     assert(!turn.held ||
            get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start).rotation ==
                turn.origin.rotation);
-    const double q = turn.driver.factor * position(turn.driver.joint) + turn.driver.offset;
+    const Joint& joint = layout_.rig.tree.joints[j];
+    const double q = joint.stands_at
+                         ? *joint.stands_at
+                         : turn.driver.factor * position(turn.driver.joint) + turn.driver.offset;
     Pose& moved = scratch.moved[j];
     if (!turn.held) {
-      scratch.motion[j] = joint_motion(layout_.rig.tree.joints[j], q);
+      scratch.motion[j] = joint_motion(joint, q);
       moved = get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start) *
               scratch.motion[j];
     } else if (turn.prismatic) {
@@ -180,7 +183,7 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
     Pose reached;
     for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
       const int j = path.steps[k].joint;
-      const bool down = path.steps[k].direction > 0, moves = layout_.rig.tree.joints[j].moves();
+      const bool down = path.steps[k].direction > 0, turns = layout_.rig.tree.joints[j].has_axis();
       const auto origin = [&] {
         return get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start);
       };
@@ -194,11 +197,11 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
       }
       if (layout_.freed[layout_.table.joint_origin[j]])
         walked.frames[k] = down    ? reached * origin()
-                           : moves ? reached * inverse(scratch.motion[j])
+                           : turns ? reached * inverse(scratch.motion[j])
                                    : reached;
       else if (!down)
         walked.frames[k] = reached;
-      const Pose step = moves ? scratch.moved[j] : origin();
+      const Pose step = turns ? scratch.moved[j] : origin();
       reached = down ? (k == 0 ? step : reached * step) : back(reached, step);
       if (down && !layout_.freed[layout_.table.joint_origin[j]]) walked.frames[k] = reached;
     }

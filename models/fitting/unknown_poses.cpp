@@ -530,11 +530,10 @@ UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<
 
 namespace {
 
-/// Whether a link stands behind a joint with nothing but fixed joints between.
+/// Whether a link stands behind a joint with nothing between that moves.
 bool hangs_on(const Tree& tree, int link, int joint) {
   for (int l = link; l != tree.joints[joint].child; l = tree.joints[tree.joint_above[l]].parent)
-    if (tree.joint_above[l] < 0 || tree.joints[tree.joint_above[l]].type != JointType::fixed)
-      return false;
+    if (tree.joint_above[l] < 0 || !tree.joints[tree.joint_above[l]].is_rigid()) return false;
   return true;
 }
 

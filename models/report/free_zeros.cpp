@@ -41,7 +41,7 @@ std::set<int> poses_on(const Solution& solution, int body) {
       out.insert(solution.table().target_mount[t]);
   for (size_t j = 0; j < rig.tree.joints.size(); ++j)
     if (const Joint& joint = rig.tree.joints[j];
-        joint.type == JointType::fixed && body_of(rig.tree, joint.child) == body)
+        joint.is_rigid() && body_of(rig.tree, joint.child) == body)
       out.insert(solution.table().joint_origin[j]);
   return out;
 }

@@ -6,7 +6,8 @@
 namespace kincal {
 
 double Configuration::position(int joint) const {
-  if (!rig_->tree.joints[joint].moves()) return 0;
+  const Joint& asked = rig_->tree.joints[joint];
+  if (!asked.moves()) return asked.stands_at.value_or(0);
   const Driver d = driver(rig_->tree, joint);
   return d.factor * rig_->joints[d.joint].model->position(reading(d.joint), own_numbers(d.joint)) +
          d.offset;

@@ -38,8 +38,8 @@ class Configuration {
   const double* own_numbers(int joint) const {
     return values_->data() + table_->all[table_->joint_offset[joint]].start;
   }
-  /// Returns the position of a joint, in rad or m, of followers too; it is 0 for joints that do not
-  /// move.
+  /// Returns the position of a joint, in rad or m, of followers too; it is 0 for joints without an
+  /// axis.
   double position(int joint) const;
   /// Returns parent_T_joint as it stands in the values.
   Pose origin(int joint) const {

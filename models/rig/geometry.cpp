@@ -63,8 +63,7 @@ int component_along(const Vector3d& axis) {
 }
 
 int body_of(const Tree& tree, int link) {
-  while (tree.joint_above[link] >= 0 &&
-         tree.joints[tree.joint_above[link]].type == JointType::fixed)
+  while (tree.joint_above[link] >= 0 && tree.joints[tree.joint_above[link]].is_rigid())
     link = tree.joints[tree.joint_above[link]].parent;
   return link;
 }

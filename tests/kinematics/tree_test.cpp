@@ -1,10 +1,10 @@
 // kinematics/tree.h: structure, paths, mimics and the derivatives along a path.
 //
 // Proves: a path multiplied up equals inverse(root_T_a) root_T_b for every two links of a tree with
-// every kind of joint; what lies above the common ancestor is not touched; the twists by position
-// and by origin agree entry by entry with central differences, up and down; malformed structures
-// are refused by name. Does not prove: that link_poses means what a URDF means; that is proved
-// against urdfdom in io/urdf/urdf_test.cpp.
+// every kind of joint; what follows a joint that does not move stands still; what lies above the
+// common ancestor is not touched; the twists by position and by origin agree entry by entry with
+// central differences, up and down; malformed structures are refused by name. Does not prove: that
+// link_poses means what a URDF means; that is proved against urdfdom in io/urdf/urdf_test.cpp.
 #include <catch2/catch.hpp>
 #include <cmath>
 #include <random>
@@ -273,6 +273,41 @@ TEST_CASE("mimics follow through chains") {
   CHECK(driver(tree, 3).joint == 3);
   CHECK(driver(tree, 3).factor == 1);
   CHECK_FALSE(tree.joints[5].has_reading());
+}
+
+TEST_CASE("a follower of what does not move stands still") {
+  for (const char* master : {"tip_joint", "float_joint"})
+    for (const JointType type : {JointType::fixed, JointType::floating, JointType::planar}) {
+      Tree tree = make_tree();
+      const int leader = tree.find_joint(master);
+      tree.joints[leader].type = type;
+      add_joint(tree, JointType::revolute, "head", "claw", {0, 3, 4}, {0.1, 0, 0}, {0, 0, 1})
+          .mimic = Mimic{leader, -0.5, 0.3};
+      const int claw = tree.find_joint("claw_joint");
+      add_joint(tree, JointType::prismatic, "claw", "thumb", {0, 0, 1}, {0, 0, 0.1}, {1, 0, 0})
+          .mimic = Mimic{claw, 2, 0.05};
+      const int thumb = tree.find_joint("thumb_joint");
+      finish_tree(tree);
+      INFO(master << " of type " << static_cast<int>(type));
+      for (const int j : {claw, thumb}) {
+        CHECK_FALSE(tree.joints[j].moves());
+        CHECK_FALSE(tree.joints[j].drives());
+        CHECK_FALSE(tree.joints[j].has_reading());
+      }
+      for (const double position : {0.0, -3.0, std::nan("")}) {  // wherever it is asked for
+        const Pose turned = joint_motion(tree.joints[claw], position),
+                   slid = joint_motion(tree.joints[thumb], position);
+        CHECK(turned.rotation == rotation_about(Vector3d(0, 0.6, 0.8), 0.3));
+        CHECK(turned.translation == Vector3d::Zero());
+        CHECK(slid.translation == Vector3d(0, 0, 2 * 0.3 + 0.05));
+      }
+      // Once the leader moves, so do they.
+      tree.joints[leader].type = JointType::revolute;
+      finish_tree(tree);
+      CHECK(tree.joints[claw].moves());
+      CHECK(tree.joints[thumb].moves());
+      CHECK(joint_motion(tree.joints[thumb], 0.2).translation == Vector3d(0, 0, 0.2));
+    }
 }
 
 TEST_CASE("a floating or planar joint on a path is named, off the path it does not matter") {

@@ -549,6 +549,26 @@ TEST_CASE("fold, write, prove: the written file means the calibrated robot") {
   }
 }
 
+TEST_CASE("what follows a joint that does not move stands still, and the proof says where") {
+  for (const char* type : {"fixed", "floating", "planar"}) {
+    const Urdf urdf =
+        parse_urdf(replace(replace(kHard, "name=\"eye\" type=\"fixed\"",
+                                   std::string("name=\"eye\" type=\"") + type + "\""),
+                           "<mimic joint=\"finger\" multiplier", "<mimic joint=\"eye\" multiplier"),
+                   "r.urdf");
+    INFO(type);
+    for (const char* follower : {"thumb", "nail"})  // it follows the thumb
+      CHECK_FALSE(urdf.tree.joints[joint_index(urdf, follower)].moves());
+    const std::vector<Pose> origins = random_origins(urdf.tree, 0.01, 1);
+    const std::vector<double> offsets = random_offsets(urdf.tree, 0.1, 2);
+    const std::string text = write_origins(urdf, fold_offsets(urdf.tree, origins, offsets));
+    CHECK_NOTHROW(prove_urdf(text, urdf, origins, offsets));
+    CHECK_THROWS_WITH(
+        prove_urdf(replace(text, "offset=\"0.2\"", "offset=\"0.200001\""), urdf, origins, offsets),
+        Contains("'thumb'"));
+  }
+}
+
 TEST_CASE("the proof fails if any number of any origin or mimic is off by 1e-6") {
   const Urdf urdf = parse_urdf(kHard, "r.urdf");
   const std::vector<Pose> origins = random_origins(urdf.tree, 0.01, 1);

@@ -4,13 +4,13 @@
 // Proves, for every sensor, noise mode and loss: residuals equal the fixture's independent forward
 // model; whitening equals the covariance of the formats' table built by hand (own noise, plus the
 // joints' noise of a view in `marginal`, its blocks in `point`); every column of the explicit rows
-// (shared and private, through mimic joints, common ancestors and scanning joints) agrees entry by
-// entry with central differences along retract(); the Gram matrices of linearise() and
-// square_root() and the reduced system of the solver equal those of the explicit rows; cost and
-// chi2 equal sums by hand; partly freed poses stay on their surface; priors are what the formats
-// say; samples that are laid out together and taken one at a time are the problems that they are
-// alone. Does not prove: that sensors' formulas are right (models/sensors/sensors_test.cpp), nor
-// that a minimum is found (solver/solver_test.cpp).
+// (shared and private, through mimic joints, common ancestors, scanning joints and joints that
+// stand still) agrees entry by entry with central differences along retract(); the Gram matrices of
+// linearise() and square_root() and the reduced system of the solver equal those of the explicit
+// rows; cost and chi2 equal sums by hand; partly freed poses stay on their surface; priors are what
+// the formats say; samples that are laid out together and taken one at a time are the problems that
+// they are alone. Does not prove: that sensors' formulas are right
+// (models/sensors/sensors_test.cpp), nor that a minimum is found (solver/solver_test.cpp).
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <catch2/catch.hpp>
@@ -48,10 +48,10 @@ const std::vector<LossKind> kLosses = {LossKind::none, LossKind::huber, LossKind
 struct Scene : Recording {
   Values values;
 
-  Scene(int count, unsigned long seed) : Recording(make_rig(seed), {}) {
+  Scene(int count, unsigned long seed, const Rig& truth = nasty_robot())
+      : Recording(make_rig(seed, truth), {}) {
     Random random(seed);
     std::vector<TruePosture> postures;
-    const Rig truth = nasty_robot();
     samples = nasty_samples(truth, count, seed + 1, &postures);
     values.shared = ParameterTable(moved(truth, {"*"}, random, 0.004, 0.01, 3, 0.004)).initial;
     for (size_t s = 0; s < samples.size(); ++s) {
@@ -104,9 +104,9 @@ struct Scene : Recording {
   }
 
  private:
-  static Rig make_rig(unsigned long seed) {
+  static Rig make_rig(unsigned long seed, const Rig& truth) {
     Random random(seed + 77);
-    return moved(nasty_robot(), {"*"}, random, 0.01, 0.03, 4, 0.005);
+    return moved(truth, {"*"}, random, 0.01, 0.03, 4, 0.005);
   }
 };
 
@@ -508,6 +508,21 @@ TEST_CASE("estimation: residuals, whitening and every derivative, everything fre
     problem->set_workers(1);
     check_views(s, *problem, mode);
   }
+}
+
+TEST_CASE("estimation: residuals and derivatives where joints stand still, as their leaders do") {
+  const Scene s(4, 6, standing_robot());
+  for (const NoiseMode mode : kModes)
+    for (const bool whole : {true, false}) {
+      const auto problem = s.problem(mode, all_sensors(s.rig),
+                                     whole ? s.whole() : freed(s.table, {"joint/*/scale"}));
+      problem->set_workers(1);
+      check_views(s, *problem, mode);
+      const std::vector<char> used = problem->influencing();
+      for (const char* leader : {"floor", "eye", "flange"})
+        CHECK(s.table.joint_offset[joint_index(s.rig, leader)] == -1);
+      CHECK(used[s.table.joint_offset[joint_index(s.rig, "elbow")]]);
+    }
 }
 
 TEST_CASE("estimation: residuals, whitening and every derivative, poses freed in part") {
