@@ -53,7 +53,7 @@ const Sensor& only_sensor(const std::vector<const Sensor*>& sensors, const std::
 
 /// Where the centre of a rectified right camera is, in the sensor's frame.
 Pose lens_in_sensor(const LensNumbers& lens) {
-  return {Matrix3d::Identity(), Vector3d(lens.baseline, 0, 0)};
+  return {Matrix3d::Identity(), Vector3d(lens.baseline.value_or(0), 0, 0)};
 }
 
 std::string camchain(const Rig& rig, const std::vector<const Sensor*>& cameras,

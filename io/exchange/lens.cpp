@@ -26,6 +26,7 @@ std::string real_text(double value) {
 LensNumbers lens_of(const Sensor& camera) {
   LensNumbers lens;
   lens.name = camera.name;
+  lens.baseline = 0;
   lens.width = camera.image_width;
   lens.height = camera.image_height;
   for (const ParameterBlock& block : camera.parameters) {
@@ -47,7 +48,8 @@ RigKeys lens_keys(const LensNumbers& lens) {
                       "[" + std::to_string(lens.width) + ", " + std::to_string(lens.height) + "]");
   keys.emplace_back("intrinsics", numbers_text(lens.intrinsics));
   keys.emplace_back("distortion", lens.distortion.empty() ? "" : numbers_text(lens.distortion));
-  keys.emplace_back("baseline", lens.baseline == 0 ? "" : shortest(lens.baseline));
+  if (lens.baseline)
+    keys.emplace_back("baseline", *lens.baseline == 0 ? "" : shortest(*lens.baseline));
   return keys;
 }
 

@@ -2,6 +2,7 @@
 // are read into and written from.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,7 +16,7 @@ struct LensNumbers {
   std::string model = "pinhole";   // as in rig.yaml: pinhole, brown_conrady, kannala_brandt
   std::vector<double> intrinsics;  // fx fy cx cy
   std::vector<double> distortion;  // none, 5 or 8, 4: as in rig.yaml
-  double baseline = 0;             // m
+  std::optional<double> baseline;  // m; none: unknown
   int width = 0, height = 0;       // px; 0: unknown
 };
 
@@ -26,7 +27,7 @@ std::string real_text(double value);
 /// Returns what a rig's camera has.
 LensNumbers lens_of(const Sensor& camera);
 
-/// Returns the keys of rig.yaml that say the same.
+/// Returns the keys of rig.yaml that say the same; what is unknown has none.
 RigKeys lens_keys(const LensNumbers& lens);
 
 /// Returns the sensors of these names; without names all cameras of the rig.

@@ -126,10 +126,11 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
         "ones. If yours are rectified, take --rectified");
     return;
   }
-  lens.baseline = m[3] == 0 ? 0 : -m[3] / m[0];
-  if (!std::isfinite(lens.baseline)) p->fail("its Tx is too large for its fx");
-  if (lens.baseline != 0)
-    notes.push_back("baseline " + shortest(lens.baseline) +
+  const double baseline = m[3] == 0 ? 0 : -m[3] / m[0];
+  if (!std::isfinite(baseline)) p->fail("its Tx is too large for its fx");
+  lens.baseline = baseline;
+  if (baseline != 0)
+    notes.push_back("baseline " + shortest(baseline) +
                     " is from P: such a camera's link is that of the left camera of its pair. If "
                     "it has a link of its own, take the key `baseline` away");
 }

@@ -67,12 +67,13 @@ std::string camera_info_text(const LensNumbers& lens) {
                                          : "plumb_bob") +
          "\n" + matrix_block("distortion_coefficients", 1, d) +
          matrix_block("rectification_matrix", 3, {1, 0, 0, 0, 1, 0, 0, 0, 1}) +
-         matrix_block("projection_matrix", 3,
-                      {f[0], 0, f[2], -f[0] * lens.baseline, 0, f[1], f[3], 0, 0, 0, 1, 0});
+         matrix_block(
+             "projection_matrix", 3,
+             {f[0], 0, f[2], -f[0] * lens.baseline.value_or(0), 0, f[1], f[3], 0, 0, 0, 1, 0});
 }
 
 std::string opencv_text(const LensNumbers& lens, std::vector<std::string>& notes) {
-  if (lens.baseline != 0)
+  if (lens.baseline.value_or(0) != 0)
     notes.push_back("sensors." + lens.name +
                     ".baseline is not in OpenCV's file (--as camera_info has it, in P)");
   std::string out = "%YAML:1.0\n---\n";

@@ -263,6 +263,20 @@ class Import(Case):
         for name in ("left", "right"):
             self.round_trip("kalibr", name)
 
+    def test_what_the_file_does_not_know_stays(self):
+        """A baseline is not in OpenCV's and Kalibr's files, nor in a camera_info whose P is not taken: the rig's stays."""
+        for format in ("opencv", "kalibr", "camera_info"):
+            with self.subTest(format=format):
+                self.good("export", "rig.yaml", "--as", format, "--sensor", "stereo", "--out", "c.yaml", "--force")
+                if format == "camera_info":
+                    self.write("c.yaml", self.read("c.yaml").split("projection_matrix")[0])
+                self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "stereo", "--out", "new.yaml", "--force")
+                self.same_camera(self.sensor("new.yaml", "stereo"), self.sensor("rig.yaml", "stereo"))
+        # a P that is filled in says that there is none
+        self.write("c.yaml", self.exported("camera_info", "--sensor", "stereo").replace("-36.0, 0.0, 400.0", "0.0, 0.0, 400.0"))
+        self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "stereo", "--out", "new.yaml", "--force")
+        self.assertNotIn("baseline", self.sensor("new.yaml", "stereo"))
+
     def test_comments_stay(self):
         self.good("export", "rig.yaml", "--as", "camera_info", "--sensor", "right", "--out", "c.yaml")
         run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--sensor", "left", "--out", "new.yaml")
