@@ -10,6 +10,7 @@
 
 #include "../io/document/error.h"
 #include "../io/document/files.h"
+#include "../io/document/names.h"
 #include "../io/recordings/bag.h"
 #include "../io/recordings/bytes.h"
 #include "../io/recordings/import.h"
@@ -65,7 +66,7 @@ std::string fields(const std::string& type, const std::string& definition) {
   }
 }
 
-/// @return whether anything could be read
+/// Returns whether anything could be read.
 bool list(const std::string& path, Progress& progress) {
   std::map<std::string, Stream> streams;
   std::int64_t first = 0, last = 0;
@@ -148,8 +149,9 @@ int list_all(const BagArguments& a) {
   Progress progress(a.quiet);
   bool any = false;
   for (const std::string& bag : a.bags) any = list(bag, progress) || any;
-  if (any && !a.rig.empty()) list_topics(a, progress);
-  return any ? kConverged : kBadInput;
+  if (!any) throw InputError(comma_separated(a.bags) + ": no messages that could be read");
+  if (!a.rig.empty()) list_topics(a, progress);
+  return kConverged;
 }
 
 std::string milliseconds(double offset, double sigma) {

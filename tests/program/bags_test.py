@@ -167,7 +167,9 @@ class Bags(helpers.Folder):
         p = run(self.write("none.bag", whole[:200]), "--rig", self.rig, "--out", self.path("none.jsonl"))
         self.assertEqual(p.returncode, 1)
         self.assertFalse(os.path.exists(self.path("none.jsonl")))
-        self.assertEqual(run(self.path("none.bag"), "--list").returncode, 1)
+        p = run(self.path("none.bag"), "--list")
+        self.assertEqual((p.returncode, p.stderr), (1, "kincal: error: %s: no messages that could be read\n" % self.path("none.bag")))
+        self.assertIn("0 messages", p.stdout)
 
     def test_many_wrong_messages(self):
         """Twenty are told, the others counted."""
