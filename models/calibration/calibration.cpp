@@ -237,6 +237,7 @@ CalibrationRun run(const std::shared_ptr<const Recording>& recording,
 /// The same views with the same points and numbers of sigmas.
 bool same_shape(const Sample& a, const Sample& b) {
   return a.readings.size() == b.readings.size() && a.train == b.train &&
+         (b.noise.empty() || b.noise.size() == b.readings.size()) &&
          std::equal(a.views.begin(), a.views.end(), b.views.begin(), b.views.end(),
                     [](const View& x, const View& y) {
                       return x.sensor == y.sensor && x.target == y.target && x.ids == y.ids &&
@@ -267,6 +268,8 @@ Calibration::Calibration(const std::shared_ptr<const Recording>& recording,
   if (recording->samples.empty()) throw std::invalid_argument("there are no samples");
   resolve_steps(*recording, options);
   parts_->recording = std::make_shared<Recording>(*recording);  // its own: replace() writes into it
+  for (Sample& sample : parts_->recording->samples)  // where sigmas of other samples have a place
+    if (sample.noise.empty()) sample.noise.assign(sample.readings.size(), 1);
   parts_->options = std::move(options);
 }
 
@@ -331,6 +334,10 @@ void Calibration::replace(int slot, const Sample& sample) {
                                 " is to be replaced by one that shows the same");
   Sample& to = samples[slot];
   to.readings = sample.readings;
+  if (sample.noise.empty())
+    std::fill(to.noise.begin(), to.noise.end(), 1);
+  else
+    to.noise = sample.noise;
   to.time = sample.time;
   for (size_t v = 0; v < to.views.size(); ++v) {
     to.views[v].z = sample.views[v].z;

@@ -81,10 +81,12 @@ class Calibration {
   /// values.
   const Solution& last();
 
-  /// Puts other numbers (readings, measured numbers, sigmas) into a sample; without allocation.
-  /// Solutions of earlier solves keep their values, but share this recording: analyses of them see
-  /// the new numbers. @throws std::invalid_argument: no such sample, or it shows other views,
-  /// points or numbers of sigmas than the one that it replaces.
+  /// Puts other numbers (readings, measured numbers, sigmas of both) into a sample; without
+  /// allocation. A sample without sigmas of its own for its readings (`noise`) has the rig's, also
+  /// where the one that it replaces had its own. Solutions of earlier solves keep their values, but
+  /// share this recording: analyses of them see the new numbers. @throws std::invalid_argument: no
+  /// such sample, or it shows other views, points or numbers of sigmas than the one that it
+  /// replaces.
   void replace(int slot, const Sample& sample);
 
  private:

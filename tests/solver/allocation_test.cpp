@@ -385,6 +385,7 @@ TEST_CASE("allocations: a calibration whose samples are replaced solves again wi
       for (int again = 0; again < 2; ++again) {
         for (Sample& sample : s.samples) {
           for (double& reading : sample.readings) reading += 1e-5;
+          sample.noise.assign(sample.readings.size(), again == 0 ? 1.01 : 0.99);
           for (View& v : sample.views)
             for (double& z : v.z) z *= 1 + 1e-6;
         }

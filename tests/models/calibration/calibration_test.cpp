@@ -2,11 +2,12 @@
 //
 // Proves: errors of a selection begin with their place in it; what changes nothing is said, and
 // nothing else; plans count what the step minimises; after replace() a repeated solve() ends where
-// a calibration of the new samples does, estimates and covariance with it, in every noise mode, and
-// copies of earlier solutions stay as they were; replace() takes samples of the same shape only; a
-// solution's parameters, poses and tree; a start that cannot be evaluated and a cancellation are
-// statuses, from which a calibration recovers. Does not prove: that nothing is allocated
-// (solver/allocation_test.cpp), nor that estimates are right (example_test.cpp).
+// a calibration of the new samples does, estimates and covariance with it, in every noise mode and
+// with sigmas of single readings, and copies of earlier solutions stay as they were; replace()
+// takes samples of the same shape only; a solution's parameters, poses and tree; a start that
+// cannot be evaluated and a cancellation are statuses, from which a calibration recovers. Does not
+// prove: that nothing is allocated (solver/allocation_test.cpp), nor that estimates are right
+// (example_test.cpp).
 #include "../../../models/calibration/calibration.h"
 
 #include <catch2/catch.hpp>
@@ -221,6 +222,38 @@ TEST_CASE("calibration: solved again with other samples it ends where a new one 
   }
 }
 
+TEST_CASE("calibration: the sigmas of a replaced sample's readings count") {
+  const auto quiet = recorded(0.02, 1);
+  const auto with_noise = [](std::vector<Sample> samples) {
+    for (size_t i = 0; i < samples.size(); ++i)
+      samples[i].noise = {1 + 0.5 * static_cast<double>(i), 3, 1};
+    return make_recording(arm(), std::move(samples));
+  };
+  const auto noisy = with_noise(logged(-0.01, 2)), noisy_before = with_noise(quiet->samples),
+             silent = recorded(-0.01, 2);
+  for (const NoiseMode mode : {NoiseMode::latent, NoiseMode::marginal})
+    for (const auto& [before, after] : {std::pair(quiet, noisy), std::pair(noisy_before, silent),
+                                        std::pair(noisy_before, noisy)}) {
+      INFO("mode " << static_cast<int>(mode) << ", noise " << before->samples[0].noise.size()
+                   << " by " << after->samples[0].noise.size());
+      CalibrationOptions options;
+      options.noise = mode;
+      Calibration calibration(before, options);
+      REQUIRE(calibration.solve().status == Status::converged);
+      for (int i = 0; i < kCount; ++i) calibration.replace(i, after->samples[i]);
+      REQUIRE(calibration.solve().status == Status::converged);
+      const Solution fresh = calibrate(after, options);
+      const ParameterEstimate& expected = fresh["joint/elbow/offset"];
+      const ParameterEstimate& found = calibration.last()["joint/elbow/offset"];
+      CHECK(calibration.last().chi2 == Approx(fresh.chi2).epsilon(1e-10));
+      CHECK(std::abs(found.value[0] - expected.value[0]) <= 1e-9 * expected.sigma[0]);
+      CHECK(found.sigma[0] == Approx(expected.sigma[0]).epsilon(1e-8));
+      for (int i = 0; i < kCount; ++i)
+        CHECK(joint_sigma(arm(), calibration.recording().samples[i], 1) ==
+              joint_sigma(arm(), after->samples[i], 1));
+    }
+}
+
 TEST_CASE("calibration: samples are replaced by such as show the same") {
   const auto recording = recorded();
   Calibration calibration(recording);
@@ -236,6 +269,7 @@ TEST_CASE("calibration: samples are replaced by such as show the same") {
   SECTION("covariances instead of sigmas") {
     other.views[0].covariance.assign(kMarks, Matrix3d::Identity());
   }
+  SECTION("sigmas of some readings only") { other.noise = {1}; }
   SECTION("held out") { other.train = false; }
   CHECK_THROWS_AS(calibration.replace(0, other), std::invalid_argument);
 }
