@@ -259,13 +259,10 @@ class Ends(Case):
         self.assertEqual([states[job] for job in sorted(states, key=int)][-5:], ["FAILED"] * 2 + ["COMPLETED"] * 3)
 
     def test_two_at_once(self):
-        p = self.start("--slurm", "--tasks", "1", "--quiet")
+        p = self.start("--slurm", "--tasks", "1", "--quiet", "--sbatch", "--hold")     # the job begins when it is told to
         self.wait_for(lambda: os.path.exists(self.path("out", ".batch", "slurm", "id")), p)
-        p.send_signal(signal.SIGSTOP)
-        try:
-            second = self.batch("--slurm")
-        finally:
-            p.send_signal(signal.SIGCONT)
+        second = self.batch("--slurm")
+        CLUSTER.run("scontrol", "release", self.job())
         self.assertEqual(second.returncode, 1)
         self.assertIn("another batch is writing here", second.stderr)
         out, err = p.communicate(timeout=100)
