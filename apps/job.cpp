@@ -71,36 +71,33 @@ std::string rig_path(const std::string& path) {
 }
 
 std::string in_program_words(std::string message) {
-  const auto replace = [&](const std::string& from, const std::string& to) {
-    const size_t at = message.find(from);
-    if (at != std::string::npos) message.replace(at, from.size(), to);
-  };
-  for (const std::string option : {"free", "fix", "group", "spread"}) {
+  // Places in the library's options, as "free[2]".
+  for (const auto& [place, option] : {std::pair("free", "--free"),
+                                      {"fix", "--fix"},
+                                      {"group", "--group"},
+                                      {"no_group", "--no-group"},
+                                      {"spread", "--spread"}}) {
     const size_t end = message.find(']');
-    if (message.rfind(option + "[", 0) == 0 && end != std::string::npos)
-      message.replace(0, end + 1, "--" + option);
-    if (message.rfind(option + " '", 0) == 0) message.insert(0, "--");
+    if (message.rfind(std::string(place) + "[", 0) == 0 && end != std::string::npos)
+      message.replace(0, end + 1, option);
   }
-  for (const char* option : {"free", "fix", "group"})  // of several warnings in one
-    for (size_t at; (at = message.find("; " + (option + std::string(" '")))) != std::string::npos;)
-      message.insert(at + 2, "--");
-  for (const auto& [place, option] : {std::pair("group[", "--group"), {"no_group[", "--no-group"}})
-    if (message.rfind(place, 0) == 0) message.replace(0, message.find(']') + 1, option);
-  if (message.rfind("last_step", 0) == 0) replace("last_step", "--step");
-  replace("or a `fix` holds it", "or --fix holds it");
-  replace("a calibration that rejects outliers takes them out", "--reject takes them out");
-  replace("the group gears estimates", "--group gears estimates");
-  replace("(the group gears)", "(--group gears)");
-  replace("leave groups out, and look for mistakes",
-          "leave groups out (--no-group), and look for mistakes (kincal check)");
-  replace("number take up another mistake? Look for mistakes",
-          "number take up another mistake? Look for mistakes (kincal check)");
-  replace("look for mistakes before", "look for mistakes (kincal check) before");
-  replace("look for the usual mistakes", "look for the usual mistakes (kincal check)");
-  replace("have the noise estimated", "give --estimate-noise");
-  for (const auto& [mark, option] : {std::pair("(`fix`)", "(--fix)"), {"(`free`)", "(--free)"}})
-    while (message.find(mark) != std::string::npos) replace(mark, option);
+  if (message.rfind("last_step", 0) == 0) message.replace(0, 9, "--step");
+  // Options of the library that a text names, as "`fix`".
+  for (const auto& [mark, option] : {std::pair("`free`", "--free"),
+                                     {"`fix`", "--fix"},
+                                     {"`group`", "--group"},
+                                     {"`no_group`", "--no-group"},
+                                     {"`reject`", "--reject"},
+                                     {"`estimate_noise`", "--estimate-noise"},
+                                     {"`check`", "kincal check"}})
+    for (size_t at; (at = message.find(mark)) != std::string::npos;)
+      message.replace(at, std::strlen(mark), option);
   return message;
+}
+
+void in_program_words(Notice& notice) {
+  for (std::string* words : {&notice.what, &notice.why, &notice.cure})
+    *words = in_program_words(std::move(*words));
 }
 
 InputError with_nearest(const NameError& error) {
@@ -301,11 +298,12 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress&
   try {
     Report report = study(job.recording, options).value();  // nothing cancels it
     if (!report.automatic.empty()) set_nominal(job.rig_file, nominal_values(report.solution));
-    for (Warning& w : report.warnings)
-      w.text = (w.id == "no_consensus" ? "--reject: " : "") + in_program_words(w.text);
+    for (Notice& w : report.warnings) in_program_words(w);
+    if (report.diagnosis)
+      for (Notice& f : report.diagnosis->findings) in_program_words(f);
     if (report.solution.status == Status::undefined_start && !report.no_consensus.empty())
       report.solution.message = "--reject: " + report.solution.message;
-    report.verdict.text = in_program_words(report.verdict.text);
+    report.verdict.why = in_program_words(report.verdict.why);
     for (std::string& step : report.verdict.next) step = in_program_words(step);
     return report;
   } catch (const NameError& error) {

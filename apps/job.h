@@ -79,6 +79,8 @@ InputError with_nearest(const NameError& error);
 /// Returns a message of the library in the program's terms: places in options ("free[0]",
 /// "last_step") become switches (--free, --step).
 std::string in_program_words(std::string message);
+/// The same of all texts of a notice.
+void in_program_words(Notice& notice);
 
 /// Checks the names that --free and --fix give for a rig whose steps are not found yet.
 /// @throws InputError

@@ -35,8 +35,8 @@ int calibrate_set(const Set& set, const Output& output, const CalibrateSettings&
     const Report report = run(job, settings, true, silent);
     if (report.solution.status == Status::undefined_start) {
       const bool found = report.diagnosis && !report.diagnosis->findings.empty();
-      const Finding* first = found ? &report.diagnosis->findings[0] : nullptr;
-      throw std::runtime_error(found ? first->id + ": " + first->text : report.solution.message);
+      throw std::runtime_error(found ? with_id(report.diagnosis->findings[0])
+                                     : report.solution.message);
     }
     ResultFiles files = make_files(job, report, settings);
     BatchRecord record;

@@ -29,7 +29,7 @@ std::string where_text(const Report& report, const ResultFiles& files,
     out += files.robot_urdf.empty() ? ": rig.yaml has what was found"
                                     : ": robot.urdf is the calibrated robot, rig.yaml the rig "
                                       "that goes with it";
-  if (a.tables) return out + "\n" + report.verdict.use + ": " + report.verdict.text + "\n";
+  if (a.tables) return out + "\n" + report.verdict.use + ": " + sentences(report.verdict) + "\n";
   return wrapped(out, "", 2) +
          wrapped((a.settings.no_report ? "" : a.out + "/report.html (a browser), ") +
                      "kincal show " + shell_word(a.out) + ", or this with --tables",

@@ -43,8 +43,8 @@ int evaluate(const EvaluateArguments& a) {
         kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free,
                          [&](double share) { progress.stage("evaluating", share); });
     progress.clear();
-    std::vector<Warning> words = warnings(evaluation);
-    for (Warning& w : words) w.text = in_program_words(w.text);
+    Notices words = warnings(evaluation);
+    for (Notice& w : words) in_program_words(w);
     if (a.json) {
       std::cout << json_text(evaluation_json(evaluation, words));
     } else {
@@ -55,7 +55,8 @@ int evaluate(const EvaluateArguments& a) {
       if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
       std::printf("\n");
     }
-    for (const Warning& w : words) std::fprintf(stderr, "kincal: warning: %s\n", w.text.c_str());
+    for (const Notice& w : words)
+      std::fprintf(stderr, "kincal: warning: %s\n", sentences(w).c_str());
     if (!a.page.file.empty())
       write_page(
           a.page,

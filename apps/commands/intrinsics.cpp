@@ -38,15 +38,16 @@ int intrinsics(const IntrinsicsArguments& a) {
   const std::string text = read_file(a.samples);  // once: it may be a pipe
   const std::vector<Sample> samples =
       parse_samples(text, a.samples, without_robot(rig_file.rig), progress);
-  for (const Finding& finding : find_normalised(rig_file.rig, samples))
-    throw InputError(finding.text);
+  for (const Notice& finding : find_normalised(rig_file.rig, samples))
+    throw InputError(sentences(finding));
   now("calibrating cameras");
   IntrinsicsOptions options = a.options;
   options.stage = [&](const std::string& what, double share) { progress.stage(what, share); };
   std::optional<IntrinsicsResult> result = calibrate_intrinsics(rig_file.rig, samples, options);
   if (!result) return say_interrupted();
-  for (const Finding& finding : find_implausible(rig_file.rig, samples))
-    if (finding.id == "square") result->notes.push_back({finding.id, finding.text});
+  for (const Notice& finding : find_implausible(rig_file.rig, samples))
+    if (finding.kind == NoticeKind::square)
+      result->notes.push_back({id(finding.kind), sentences(finding)});
   progress.stage("writing", std::nan(""));
   const auto files = intrinsics_files(rig_file, *result, {KINCAL_VERSION, a.command, sha256(text)});
   begin_writing();

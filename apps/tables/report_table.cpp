@@ -272,7 +272,7 @@ bool explained(const Diagnosis& d) {
 
 std::string diagnosis_text(const Diagnosis& d) {
   std::string out;
-  for (const Finding& f : d.findings) out += f.id + ": " + f.text + "\n";
+  for (const Notice& f : d.findings) out += with_id(f) + "\n";
   if (d.findings.empty()) {
     out += explained(d) ? "Nothing found. Tested: "
                         : "None of the usual mistakes explains the data. Tested: ";
@@ -287,8 +287,7 @@ std::string no_start_text(const std::string& message, const std::optional<Diagno
   const Diagnosis& diagnosis = *found;
   const std::string heading = "What may be wrong (kincal check):\n";
   if (diagnosis.findings.empty()) return message + "\n" + heading + diagnosis_text(diagnosis);
-  const Finding& first = diagnosis.findings[0];
-  return first.id + ": " + first.text + "\nSo no calibration can start: " + message + "\n" +
+  return with_id(diagnosis.findings[0]) + "\nSo no calibration can start: " + message + "\n" +
          heading + diagnosis_text(diagnosis);
 }
 
@@ -413,9 +412,9 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   if (!first && !diagnosed.empty()) out += "\n" + diagnosed;
   if (!report.warnings.empty()) {
     out += "\nWarnings\n";
-    for (const Warning& w : report.warnings) {
-      out += "  " + w.id + ": " + w.text;
-      out += w.names.size() > kNamed ? " (all in result.json)\n" : "\n";
+    for (const Notice& w : report.warnings) {
+      out += "  " + with_id(w);
+      out += w.where.size() > kNamed ? " (all in result.json)\n" : "\n";
     }
   }
   return out;

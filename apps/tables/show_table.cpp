@@ -175,16 +175,18 @@ std::vector<std::string> weak_lines(const Field& result) {
   return out;
 }
 
-/// Findings or warnings of a result, but for what its verdict says word by word.
-std::vector<std::string> unsaid(const Field& result, const char* key) {
-  const std::string verdict = result["verdict"]["text"].string();
+/// Findings or warnings of a result; of what its verdict says no more than why. (A finding that is a
+/// remark stands among the warnings.)
+std::vector<std::string> unsaid(const Field& result, const char* key, bool remarks) {
   const Field list = result[key];
   std::vector<std::string> out;
   for (size_t i = 0; i < list.size(); ++i) {
-    const std::string text = list.item(i)["text"].string(),
-                      sentence = text.substr(0, text.find_last_not_of('.') + 1);
-    if (verdict.find(sentence) == std::string::npos)
-      out.push_back(list.item(i)["id"].string() + ": " + text);
+    const Field notice = list.item(i);
+    const bool said = notice.has("in_verdict");
+    const char* words = !said ? "text" : notice.has("why") ? "why" : nullptr;
+    const bool remark = notice.has("severity") && notice["severity"].string() == "remark";
+    if (words && (remarks || !remark))
+      out.push_back(notice["id"].string() + ": " + notice[words].string());
   }
   return out;
 }
@@ -204,10 +206,10 @@ std::string show_text(const Field& result, bool all) {
   const Field verdict = result["verdict"];
   out += wrapped(verdict["text"].string(), verdict["use"].string() + ": ", 2);
   if (result.has("findings"))
-    out += some_lines("What else may be wrong", unsaid(result, "findings"));
+    out += some_lines("What else may be wrong", unsaid(result, "findings", false));
   out += "\n" + error_table(result) + change_table(result);
   if (all) out += some_lines("What the data do not tell well", weak_lines(result));
-  return out + some_lines("Warnings", unsaid(result, "warnings"));
+  return out + some_lines("Warnings", unsaid(result, "warnings", true));
 }
 
 }  // namespace kincal

@@ -55,7 +55,7 @@ std::vector<ViewResiduals> measured(const Recording& recording) {
 
 ResultFiles evaluation_files(const RigFile& rig_file,
                              const std::shared_ptr<const Recording>& recording,
-                             const Evaluation& evaluation, const std::vector<Warning>& warnings,
+                             const Evaluation& evaluation, const Notices& warnings,
                              const ResultOptions& record) {
   Report report = as_it_is(recording);
   report.residuals.after = evaluation.views;

@@ -17,7 +17,7 @@ namespace kincal {
 /// them.
 ResultFiles evaluation_files(const RigFile& rig_file,
                              const std::shared_ptr<const Recording>& recording,
-                             const Evaluation& evaluation, const std::vector<Warning>& warnings,
+                             const Evaluation& evaluation, const Notices& warnings,
                              const ResultOptions& record);
 
 /// Returns the texts of a check. `explained`: there is nothing that a mistake would have to

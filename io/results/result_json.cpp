@@ -187,10 +187,29 @@ void add_explanation(Json& json, const Explanation& e) {
         {{"a", c.a}, {"b", c.b}, {"correlation", number(c.correlation)}});
 }
 
-Json warning_list(const std::vector<Warning>& warnings) {
+const char* severity_name(Severity severity) {
+  return severity == Severity::fault ? "fault" : severity == Severity::doubt ? "doubt" : "remark";
+}
+
+/// What findings and warnings have in common. `about`: the kind that the verdict speaks of.
+Json notice_json(const Notice& n, const std::optional<NoticeKind>& about) {
+  Json out = {{"id", id(n.kind)},
+              {"text", sentences(n)},
+              {"severity", severity_name(n.severity)},
+              {"what", n.what}};
+  if (!n.why.empty()) out["why"] = n.why;
+  if (!n.cure.empty()) out["cure"] = n.cure;
+  if (n.kind == about) out["in_verdict"] = true;
+  if (is_of_directions(n.kind)) out["of_directions"] = true;
+  return out;
+}
+
+Json warning_list(const Notices& warnings, const std::optional<NoticeKind>& about = {}) {
   Json out = Json::array();
-  for (const Warning& w : warnings)
-    out.push_back({{"id", w.id}, {"text", w.text}, {"names", w.names}});
+  for (const Notice& w : warnings) {
+    out.push_back(notice_json(w, about));
+    out.back()["names"] = names_of(w.where);
+  }
   return out;
 }
 
@@ -375,7 +394,8 @@ Json result_json(const Report& report) {
   if (!report.loops.empty()) json["loops"] = loop_list(report.loops);
   json["unobservable"] = directions(solution.unobservable);
   add_explanation(json, report.explanation);
-  if (report.diagnosis) json["findings"] = findings_json(report.diagnosis->findings);
+  if (report.diagnosis)
+    json["findings"] = findings_json(report.diagnosis->findings, report.verdict.about);
   if (!report.automatic.empty()) {
     json["automatic"] = automatic_list(report.automatic);
     json["held"] = held_list(report.automatic);
@@ -393,27 +413,33 @@ Json result_json(const Report& report) {
     json["leverage"].push_back({{"sample", l.sample},
                                 {"parameter", l.parameter},
                                 {"moved_sigmas", number(l.moved_sigmas)}});
-  json["warnings"] = warning_list(report.warnings);
+  json["warnings"] = warning_list(report.warnings, report.verdict.about);
   return json;
 }
 
-Json evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings) {
+Json evaluation_json(const Evaluation& evaluation, const Notices& warnings) {
   return {{"chi2", number(evaluation.chi2)},
           {"dof", evaluation.dof},
           {"sensors", sensor_table(evaluation.sensors, false)},
           {"warnings", warning_list(warnings)}};
 }
 
-Json findings_json(const std::vector<Finding>& findings) {
+Json findings_json(const Notices& findings, const std::optional<NoticeKind>& about) {
   Json out = Json::array();
-  for (const Finding& f : findings)
-    out.push_back(
-        {{"id", f.id},
-         {"text", f.text},
-         {"where", f.where},
-         {"chi2_as_is", f.chi2_as_is ? number(*f.chi2_as_is) : Json(nullptr)},
-         {"chi2_corrected", f.chi2_corrected ? number(*f.chi2_corrected) : Json(nullptr)}});
+  for (const Notice& f : findings) {
+    out.push_back(notice_json(f, about));
+    Json& one = out.back();
+    one["where"] = names_of(f.where);
+    one["chi2_as_is"] = f.chi2_as_is ? number(*f.chi2_as_is) : Json(nullptr);
+    one["chi2_corrected"] = f.chi2_corrected ? number(*f.chi2_corrected) : Json(nullptr);
+  }
   return out;
+}
+
+Json verdict_json(const Verdict& v) {
+  Json see = Json::array();
+  for (const NoticeKind kind : v.see) see.push_back(id(kind));
+  return {{"use", v.use}, {"text", sentences(v)}, {"why", v.why}, {"next", v.next}, {"see", see}};
 }
 
 Json diagnosis_json(const Diagnosis& d) {

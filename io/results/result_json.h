@@ -20,10 +20,12 @@ std::string status_name(Status status);
 Json result_json(const Report& report);
 
 /// Returns {chi2, dof, sensors, warnings}.
-Json evaluation_json(const Evaluation& evaluation, const std::vector<Warning>& warnings);
+Json evaluation_json(const Evaluation& evaluation, const Notices& warnings);
 
 /// Returns [{id, text, where, chi2_as_is, chi2_corrected}].
-Json findings_json(const std::vector<Finding>& findings);
+Json findings_json(const Notices& findings, const std::optional<NoticeKind>& about = std::nullopt);
+/// Returns {use, text, why, next, see}.
+Json verdict_json(const Verdict& verdict);
 /// Returns {findings, chi2, dof, verdict, tested}.
 Json diagnosis_json(const Diagnosis& diagnosis);
 

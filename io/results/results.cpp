@@ -275,16 +275,14 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = options.samples_hash;
   out.urdf_hash = sha256(rig_file.urdf.text);
-  Json json = {
-      {"verdict",
-       {{"use", report.verdict.use}, {"text", report.verdict.text}, {"next", report.verdict.next}}},
-      {"kincal", options.version},
-      {"input",
-       {{"command", options.command},
-        {"date", options.date},
-        {"rig", out.rig_hash},
-        {"samples", out.samples_hash},
-        {"urdf", out.urdf_hash}}}};
+  Json json = {{"verdict", verdict_json(report.verdict)},
+               {"kincal", options.version},
+               {"input",
+                {{"command", options.command},
+                 {"date", options.date},
+                 {"rig", out.rig_hash},
+                 {"samples", out.samples_hash},
+                 {"urdf", out.urdf_hash}}}};
   if (!rig_file.serial.empty()) json["serial"] = rig_file.serial;
   if (!rig_file.time.empty()) json["time"] = rig_file.time;
   Json result = result_json(report);

@@ -126,11 +126,12 @@ SetSummary summarize(const Report& report) {
   set.chi2_data = solution.chi2_data;
   set.dof_data = solution.dof_data;
   set.verdict = report.verdict.use;
-  if (set.verdict == "no") set.error = report.verdict.text;
-  for (const Warning& w : report.warnings) set.warnings.push_back(w.id + ": " + w.text);
+  if (set.verdict == "no") set.error = sentences(report.verdict);
+  for (const Notice& w : report.warnings)
+    set.warnings.push_back(std::string(id(w.kind)) + ": " + sentences(w));
   for (const Judgement& j : report.validation.requirements)
     if (set.error.empty() && !j.met) set.error = "not met: " + judgement_text(j);
-  if (set.error.empty() && set.verdict == "doubts") set.error = report.verdict.text;
+  if (set.error.empty() && set.verdict == "doubts") set.error = sentences(report.verdict);
   for (const SensorResult& s : report.residuals.sensors) {
     set.sensors.push_back({s.name, s.unit, s.train.rms, s.test.rms});
     if (s.measures_pose)

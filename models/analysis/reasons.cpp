@@ -261,8 +261,7 @@ class ReasonFinder {
         return;
       }
     }
-    out_.cure =
-        "hold " + first() + " (leave it out of `free`), or add a sensor or target that it moves";
+    out_.cure = "hold " + first() + " (do not free it), or add a sensor or target that it moves";
   }
 
   /// The parts cancel in the residuals, without anything private going along.

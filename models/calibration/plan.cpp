@@ -196,10 +196,10 @@ std::vector<std::string> without_effect(const Recording& recording, const Step& 
       for (const Freed& f : recording.table.select(patterns[i]))
         free = free || all.count(f.parameter);
       const std::string name = "step '" + step.name + "'";
-      out.push_back((fix ? "fix '" : "free '") + patterns[i] + "' changes nothing: " +
+      out.push_back((fix ? "`fix` '" : "`free` '") + patterns[i] + "' changes nothing: " +
                     (fix    ? "it is not free in " + name + " anyway"
                      : free ? "it is free in " + name + " anyway"
-                            : "no measurement of " + name + " depends on it, or a `fix` holds it"));
+                            : "no measurement of " + name + " depends on it, or `fix` holds it"));
     }
   }
   return out;

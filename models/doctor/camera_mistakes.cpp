@@ -111,23 +111,23 @@ const std::vector<PlainFactor>& plain_factors() {
   return all;
 }
 
-Hypothesis about(const Rig& rig, const char* id, const std::vector<int>& group) {
+Hypothesis about(const Rig& rig, NoticeKind kind, const std::vector<int>& group) {
   Hypothesis h;
-  h.id = id;
-  h.where = names_of(rig, group);
+  h.kind = kind;
+  h.where = subjects(Subject::Kind::sensor, names_of(rig, group));
   return h;
 }
 
 /// The views of a camera that writes normalised coordinates, in pixels; `undistorted`: they were
 /// freed of the lens's distortion, too.
 Hypothesis normalised_views(const Rig& rig, int s, bool undistorted) {
-  Hypothesis h = about(rig, "normalised", {s});
+  Hypothesis h = about(rig, NoticeKind::normalised, {s});
   h.mistake = "the views of camera " + quoted(rig.sensors[s].name) + " are normalised coordinates" +
               (undistorted ? ", without distortion," : "") + " but its intrinsics are pixels";
-  h.cure = std::string("Write the pixels as detected") +
+  h.cure = std::string("write the pixels as detected") +
            (undistorted ? " (not those of undistortPoints)" : "") +
            ", or give the rig model: pinhole, intrinsics: [1, 1, 0, 0] and a sigma that is "
-           "divided by fx.";
+           "divided by fx";
   h.undo = [s, undistorted](Rig& r, std::vector<Sample>& samples) {
     Sensor& camera = r.sensors[s];
     const std::vector<double> k = *intrinsics_of(camera);
@@ -145,13 +145,13 @@ Hypothesis normalised_views(const Rig& rig, int s, bool undistorted) {
 
 /// The reverse: what the intrinsics are is not known and is free besides.
 Hypothesis normalised_intrinsics(const Rig& rig, int s, const Pixels& pixels) {
-  Hypothesis h = about(rig, "normalised", {s});
+  Hypothesis h = about(rig, NoticeKind::normalised, {s});
   const Sensor& camera = rig.sensors[s];
   h.mistake = "the views of camera " + quoted(camera.name) +
               " are pixels, but its intrinsics are those of normalised coordinates";
   h.cure =
-      "Give the camera's intrinsics in pixels and its sigma in pixels, or write normalised "
-      "coordinates into its views.";
+      "give the camera's intrinsics in pixels and its sigma in pixels, or write normalised "
+      "coordinates into its views";
   h.free = {"sensor/" + camera.name + "/intrinsics"};
   const std::array<double, 2> middle = pixels.middle();
   const double width = camera.image_width > 0 ? camera.image_width : 2 * middle[0] + 1,
@@ -183,10 +183,10 @@ MistakeAndCure cropped_words(const std::string& camera, const std::vector<double
                    "and %+.4g px in v. So its images are cropped (or the intrinsics are another "
                    "image's)",
                    given[2], given[3], found[0], found[1], du, dv),
-          "Give the intrinsics of the image in which the points were detected: of a cropped one, "
+          "give the intrinsics of the image in which the points were detected: of a cropped one, "
           "cx minus the columns that are cut off at the left, cy minus the rows at the top; or "
           "free sensor/" +
-              camera + "/intrinsics."};
+              camera + "/intrinsics"};
 }
 
 /// Of focal lengths (fx fy) that are others than the rig's.
@@ -203,20 +203,20 @@ MistakeAndCure focal_words(const std::string& camera, const std::vector<double>&
               text(" are wrong: the rig says %.6g and %.6g px, the data say %.6g and %.6g px "
                    "(times %.4g)",
                    given[0], given[1], found[0], found[1], found[0] / given[0]),
-          "Give the intrinsics of this camera, with the lens, zoom and resolution of these images; "
+          "give the intrinsics of this camera, with the lens, zoom and resolution of these images; "
           "or free sensor/" +
-              camera + "/intrinsics."};
+              camera + "/intrinsics"};
 }
 
 }  // namespace
 
 void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
   for (const std::vector<int>& group : camera_groups(rig, survey)) {
-    Hypothesis h = about(rig, "exchanged-axes", group);
+    Hypothesis h = about(rig, NoticeKind::exchanged_axes, group);
     h.mistake = "u and v are exchanged in the views of " + cameras(rig, group);
     h.cure =
-        "Write [u, v]: first the column, counted to the right, then the row, counted "
-        "downwards.";
+        "write [u, v]: first the column, counted to the right, then the row, counted "
+        "downwards";
     h.undo = [group](Rig&, std::vector<Sample>& samples) {
       for (Sample& sample : samples)
         for (View& v : sample.views)
@@ -245,15 +245,15 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
       };
       // (Few views show a board anywhere: they may look like the next factor.)
       if (!as_if(i) && !as_if(i + 1) && !(i > 0 && as_if(i - 1))) continue;
-      Hypothesis h = about(rig, "resolution", group);
+      Hypothesis h = about(rig, NoticeKind::resolution, group);
       h.mistake = "the views of " + cameras(rig, group) + " are of images " + plain.words +
                   " as those of the rig's intrinsics";
       const std::string number = text("%.4g", factor);
-      h.cure = "Give the intrinsics of this resolution (fx and fy times " + number +
+      h.cure = "give the intrinsics of this resolution (fx and fy times " + number +
                ", cx = (cx' + 0.5) * " + number +
                " - 0.5, cy alike; image_size too), or scale "
                "the pixels: u = (u' + 0.5) / " +
-               number + " - 0.5, v alike.";
+               number + " - 0.5, v alike";
       h.undo = [group, factor](Rig& r, std::vector<Sample>&) {
         for (int s : group)
           set_intrinsics(r.sensors[s], scaled_intrinsics(*intrinsics_of(r.sensors[s]), factor));
@@ -264,16 +264,16 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
     const int block = table.index_of(ParameterKind::intrinsics, camera.first);
     if (block < 0 || freed.parameter[block]) continue;
     const std::vector<double> given = *intrinsics_of(rig.sensors[camera.first]);
-    Hypothesis h = about(rig, "resolution", {camera.first});
+    Hypothesis h = about(rig, NoticeKind::resolution, {camera.first});
     h.free = {table.all[block].component_name(2), table.all[block].component_name(3)};
     h.undo = [](Rig&, std::vector<Sample>&) {};
-    h.told = [given, name = h.where[0]](const std::vector<double>& found) {
+    h.told = [given, name = h.where[0].name](const std::vector<double>& found) {
       return cropped_words(name, given, found);
     };
     out.push_back(h);
-    h.id = "intrinsics";
+    h.kind = NoticeKind::intrinsics;
     h.free = {table.all[block].component_name(0), table.all[block].component_name(1)};
-    h.told = [given, name = h.where[0]](const std::vector<double>& found) {
+    h.told = [given, name = h.where[0].name](const std::vector<double>& found) {
       return focal_words(name, given, found);
     };
     out.push_back(h);
@@ -309,15 +309,14 @@ void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
             return oblong(other) < oblong(k) + 0.05 && change > 0.01 * std::abs(k[0]);
           }))
         continue;
-      Hypothesis h = about(rig, "intrinsics", group);
+      Hypothesis h = about(rig, NoticeKind::intrinsics, group);
       h.mistake =
           "the intrinsics of " + cameras(rig, group) + " stand in the order " + order.written;
-      h.cure = "Write them as intrinsics: [fx, fy, cx, cy]" +
-               (group.size() > 1 ? std::string()
-                                 : text(", here [%.6g, %.6g, %.6g, %.6g]", reordered(group[0])[0],
-                                        reordered(group[0])[1], reordered(group[0])[2],
-                                        reordered(group[0])[3])) +
-               ".";
+      h.cure = "write them as intrinsics: [fx, fy, cx, cy]" +
+               (group.size() > 1
+                    ? std::string()
+                    : text(", here [%.6g, %.6g, %.6g, %.6g]", reordered(group[0])[0],
+                           reordered(group[0])[1], reordered(group[0])[2], reordered(group[0])[3]));
       std::map<int, std::vector<double>> right;
       for (int s : group) right[s] = reordered(s);
       h.undo = [right](Rig& r, std::vector<Sample>&) {
@@ -345,25 +344,22 @@ void add_normalised(const Rig& rig, const std::vector<Sample>& samples, const Su
   }
 }
 
-std::vector<Finding> find_normalised(const Rig& rig, const std::vector<Sample>& samples) {
-  std::vector<Finding> out;
+std::vector<Notice> find_normalised(const Rig& rig, const std::vector<Sample>& samples) {
+  std::vector<Notice> out;
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     const std::vector<double>* k = intrinsics_of(rig.sensors[s]);
     if (!k || !((*k)[0] > kLeastFocalLength)) continue;
     const Pixels pixels = pixels_of(samples, static_cast<int>(s));
     if (pixels.numbers[0].empty() || !(pixels.most < kMostNormalised)) continue;
     const Hypothesis h = normalised_views(rig, static_cast<int>(s), false);
-    Finding f;
-    f.id = h.id;
-    f.where = h.where;
-    f.text = "All " + std::to_string(pixels.numbers[0].size()) + " pixels of camera " +
-             quoted(rig.sensors[s].name) +
-             text(
-                 " are within %.3g px of (0, 0): they are normalised coordinates, but its "
-                 "intrinsics are pixels. ",
-                 pixels.most) +
-             h.cure;
-    out.push_back(std::move(f));
+    out.push_back(make_notice(
+        h.kind, h.where,
+        "all " + std::to_string(pixels.numbers[0].size()) + " pixels of camera " +
+            quoted(rig.sensors[s].name) +
+            text(" are within %.3g px of (0, 0): they are normalised coordinates, but its "
+                 "intrinsics are pixels",
+                 pixels.most),
+        "", h.cure));
   }
   return out;
 }

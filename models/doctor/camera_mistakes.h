@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "finding.h"
+#include "../notices/notice.h"
 #include "survey.h"
 
 namespace kincal {
@@ -25,6 +25,6 @@ void add_normalised(const Rig& rig, const std::vector<Sample>& samples, const Su
 
 /// Finds cameras whose views can only be normalised coordinates although their intrinsics are in
 /// pixels: a fit need not be bad with them.
-std::vector<Finding> find_normalised(const Rig& rig, const std::vector<Sample>& samples);
+std::vector<Notice> find_normalised(const Rig& rig, const std::vector<Sample>& samples);
 
 }  // namespace kincal

@@ -274,7 +274,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   // A shift takes a sample away from the few of a first look, and what is left may start far off.
   if (!question.by_movement && !best)
     for (size_t i = 0; i < common; ++i)
-      if (all[i].id == "shifted") try_with_all_samples(i);
+      if (all[i].kind == NoticeKind::shifted) try_with_all_samples(i);
   if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
     for (Hypothesis& h : turned_poses(recording, context)) {
       all.push_back(std::move(h));
@@ -301,9 +301,9 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     std::move(rarer.begin(), rarer.end(), std::back_inserter(all));
     try_looked_at(shortlist(recording, context, question, all, usual, all.size()));
     // One sign may do what two do, but from a start too far for the first look.
-    if (best && chosen >= usual && all[chosen].id == "joint-sign")
+    if (best && chosen >= usual && all[chosen].kind == NoticeKind::joint_sign)
       for (size_t i = 0; i < common; ++i)
-        if (all[i].id == "joint-sign") try_with_all_samples(i);
+        if (all[i].kind == NoticeKind::joint_sign) try_with_all_samples(i);
   }
   if (!best) return std::nullopt;
   return Explanatory{std::move(all[chosen]), std::move(*best)};

@@ -44,15 +44,6 @@ Connections::Connections(const Recording& recording)
   }
 }
 
-Finding disconnected(const std::vector<std::string>& where, const std::string& what,
-                     const std::string& cure) {
-  Finding f;
-  f.id = "disconnected";
-  f.where = where;
-  f.text = what + " " + cure;
-  return f;
-}
-
 /// By parameter: it places something.
 std::vector<char> placing_parameters(const ParameterTable& table) {
   std::vector<char> places(table.all.size(), 0);
@@ -91,14 +82,14 @@ std::string mount_first(const Rig& rig, const std::vector<Sample>& samples, int 
       if (v.sensor == sensor && rig.targets[v.target].link < 0)
         free.insert(rig.targets[v.target].name);
   if (free.empty()) return "";
-  return "Mount " + joined({free.begin(), free.end()}) +
+  return "mount " + joined({free.begin(), free.end()}) +
          " (`mount: {link: NAME}`) on the link that carries it, the base if it stands still: free, "
-         "it has a pose of its own in every sample, which explains all that one sensor sees.";
+         "it has a pose of its own in every sample, which explains all that one sensor sees";
 }
 
 /// Appends what is tied together, stands on one body and has nothing in it whose place is held.
 void check_anchors(const Recording& recording, const FreedNames& freed, Connections& connections,
-                   std::vector<Finding>& out) {
+                   std::vector<Notice>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const int sensors = connections.sensors;
@@ -117,9 +108,11 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
     const std::vector<char> elsewhere = influencing(
         recording, connections, [&](int s) { return connections.root(s) != component.first; });
     bool anchor = false;
-    std::vector<std::string> names, parameters;
+    Subjects where;
+    std::vector<std::string> parameters;
     for (int i : component.second) {
-      names.push_back(i < sensors ? rig.sensors[i].name : rig.targets[i - sensors].name);
+      where.push_back(i < sensors ? Subject::sensor(rig.sensors[i].name)
+                                  : Subject::target(rig.targets[i - sensors].name));
       bool open = false;
       if (i < sensors) {
         const std::vector<char> own =
@@ -139,37 +132,39 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
       anchor = anchor || !open;
     }
     if (anchor) continue;
-    if (components.size() == 1 && names.size() > 1) {
-      out.push_back(disconnected(
-          names,
-          "Where " + joined(names) +
+    const std::string all = joined(names_of(where));
+    if (components.size() == 1 && where.size() > 1) {
+      out.push_back(make_notice(
+          NoticeKind::disconnected, std::move(where),
+          "where " + all +
               " are together is a choice: they are tied to each other, but all that they see is "
               "free, and " +
-              joined(parameters) + " are freed.",
-          "Hold one of these, as " + parameters[0] +
+              joined(parameters) + " are freed",
+          "",
+          "hold one of these, as " + parameters[0] +
               ": the others are found from it. Cameras and boards without a robot are calibrated "
-              "by kincal intrinsics."));
+              "by kincal intrinsics"));
       continue;
     }
     const std::string first = component.second.size() == 1 && component.second[0] < sensors
                                   ? mount_first(rig, recording.samples, component.second[0])
                                   : "";
-    out.push_back(
-        disconnected(names,
-                     (names.size() == 1 ? "Sensor " : "") + joined(names) +
-                         (names.size() == 1 ? " is" : " are") +
-                         " tied to nothing else: no other sensor sees the same target in the same "
-                         "sample, and no mounted target is in view from another "
-                         "link, but the rig frees " +
-                         joined(parameters) + ".",
-                     (first.empty() ? "Take" : first + " Or take") +
-                         " samples in which it and another sensor see one target, or hold these."));
+    out.push_back(make_notice(
+        NoticeKind::disconnected, where,
+        (where.size() == 1 ? "sensor " : "") + all + (where.size() == 1 ? " is" : " are") +
+            " tied to nothing else: no other sensor sees the same target in the same "
+            "sample, and no mounted target is in view from another "
+            "link, but the rig frees " +
+            joined(parameters),
+        "",
+        (first.empty() ? "take" : first + ". Or take") +
+            " samples in which it and another sensor see one target, or hold these"));
   }
 }
 
 }  // namespace
 
-std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& samples) {
+std::vector<Notice> find_duplicates(const Rig& rig, const std::vector<Sample>& samples) {
   struct Key {
     std::vector<double> numbers;
     bool operator<(const Key& o) const { return numbers < o.numbers; }
@@ -199,30 +194,33 @@ std::vector<Finding> find_duplicates(const Rig& rig, const std::vector<Sample>& 
     if (found->second.empty()) order.push_back(&found->first);
     found->second.push_back(s.id);
   }
-  Finding f;
-  f.id = "duplicates";
+  constexpr size_t kMuchTwice = 3;  // one sample in so many has another one that is the same
+  std::vector<std::string> all;
   size_t measurements = 0;
   const std::vector<std::string>* worst = nullptr;
   for (const Key* key : order) {
     const std::vector<std::string>& ids = same[*key];
     if (ids.size() < 2) continue;
     ++measurements;
-    f.where.insert(f.where.end(), ids.begin(), ids.end());
+    all.insert(all.end(), ids.begin(), ids.end());
     if (!worst || ids.size() > worst->size()) worst = &ids;
   }
   if (!worst) return {};
+  std::string what;
   if (measurements > 1)
-    f.text = std::to_string(f.where.size()) + " samples are " + std::to_string(measurements) +
-             " measurements under several ids each, worst: ";
-  f.text += "Samples " + joined(*worst) +
-            " are the same: joint readings and measured numbers. They count as " +
-            std::to_string(worst->size()) + " measurements but are one; leave out all but one" +
-            (measurements > 1 ? " of each." : ".");
-  return {f};
+    what = std::to_string(all.size()) + " samples are " + std::to_string(measurements) +
+           " measurements under several ids each, worst: ";
+  what += "samples " + joined(*worst) + " are the same: joint readings and measured numbers";
+  Notice out =
+      make_notice(NoticeKind::same_samples, subjects(Subject::Kind::sample, all), what,
+                  "they count as " + std::to_string(worst->size()) + " measurements but are one",
+                  std::string("leave out all but one") + (measurements > 1 ? " of each" : ""));
+  if (kMuchTwice * all.size() <= samples.size()) out.severity = Severity::remark;
+  return {out};
 }
 
 void check_still_joints(const Recording& recording, const FreedNames& freed,
-                        std::vector<Finding>& out) {
+                        std::vector<Notice>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const Survey survey = make_survey(rig, recording.samples);
@@ -238,38 +236,37 @@ void check_still_joints(const Recording& recording, const FreedNames& freed,
     if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]])
       names.push_back(table.all[table.joint_origin[j]].name);
     if (names.empty()) continue;
-    Finding f;
-    f.id = "still-joint";
-    f.where = {rig.tree.joints[j].name};
-    f.text = "Joint " + quoted(rig.tree.joints[j].name) + " never moves" +
-             text(" (it reads %.6g in all ", r.second.first) + std::to_string(samples) +
-             " samples that need it), but the rig frees " + joined(names) +
-             ". Take samples in which it moves, or hold " + (names.size() == 1 ? "it" : "them") +
-             "; if it did move, the log is wrong.";
-    out.push_back(std::move(f));
+    out.push_back(make_notice(
+        NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
+        "joint " + quoted(rig.tree.joints[j].name) + " never moves" +
+            text(" (it reads %.6g in all ", r.second.first) + std::to_string(samples) +
+            " samples that need it), but the rig frees " + joined(names),
+        "",
+        std::string("take samples in which it moves, or hold ") +
+            (names.size() == 1 ? "it" : "them") + "; if it did move, the log is wrong"));
   }
 }
 
 void check_connections(const Recording& recording, const FreedNames& freed,
-                       const std::vector<int>& sensors, std::vector<Finding>& out) {
+                       const std::vector<int>& sensors, std::vector<Notice>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   Connections connections(recording);
   for (int s : sensors)
     if (!connections.seen[s] && freed.parameter[table.sensor_mount[s]])
       out.push_back(
-          disconnected({rig.sensors[s].name},
-                       "Sensor " + quoted(rig.sensors[s].name) +
-                           " has no view in any sample, but the rig frees its pose.",
-                       "Add views of it, or hold " + table.all[table.sensor_mount[s]].name + "."));
+          make_notice(NoticeKind::disconnected, {Subject::sensor(rig.sensors[s].name)},
+                      "sensor " + quoted(rig.sensors[s].name) +
+                          " has no view in any sample, but the rig frees its pose",
+                      "", "add views of it, or hold " + table.all[table.sensor_mount[s]].name));
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0 && !connections.seen[connections.sensors + t] &&
         freed.parameter[table.target_mount[t]])
       out.push_back(
-          disconnected({rig.targets[t].name},
-                       "Target " + quoted(rig.targets[t].name) +
-                           " is seen in no sample, but the rig frees its pose.",
-                       "Add views of it, or hold " + table.all[table.target_mount[t]].name + "."));
+          make_notice(NoticeKind::disconnected, {Subject::target(rig.targets[t].name)},
+                      "target " + quoted(rig.targets[t].name) +
+                          " is seen in no sample, but the rig frees its pose",
+                      "", "add views of it, or hold " + table.all[table.target_mount[t]].name));
   check_anchors(recording, freed, connections, out);
 }
 

@@ -1,7 +1,6 @@
 #include "doctor.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <stdexcept>
 #include <tuple>
@@ -29,7 +28,7 @@ using Samples = std::vector<Sample>;
 /// What chi2 is with the mistake and without, and a sentence about it.
 struct Evidence {
   std::optional<double> before, after;
-  std::string sentence;
+  std::string sentences;  // without the last full stop
 };
 
 /// `what`: what the second fit is without.
@@ -38,13 +37,13 @@ Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit,
   Evidence out;
   if (now.complete()) out.before = now.chi2;
   out.after = fit.chi2;
-  out.sentence =
+  out.sentences =
       now.complete()
-          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without %s. ", now.chi2,
+          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without %s", now.chi2,
                  now.per_dof(), fit.chi2, fit.per_dof(), what)
           : text(
                 "As it is the fit cannot even start (points behind a camera); without %s "
-                "chi2 is %.6g (chi2/dof %.3g). ",
+                "chi2 is %.6g (chi2/dof %.3g)",
                 what, fit.chi2, fit.per_dof());
   return out;
 }
@@ -117,23 +116,23 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
     return most;
   };
   Evidence out;
-  out.sentence =
+  out.sentences =
       "The estimate hides it by moving " + names +
-      text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. ",
+      text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough",
            farthest_of(now), farthest_of(trial.fit));
   if (!decided) {
     out.before = now.chi2;
     out.after = trial.fit.chi2;
-    out.sentence += text("chi2 is %.6g either way. ", trial.fit.chi2);
+    out.sentences += text(". chi2 is %.6g either way", trial.fit.chi2);
     return out;
   }
   if (before.complete()) out.before = before.chi2;
   out.after = after.chi2;
-  out.sentence += std::string(everything ? "With all held at the rig's values "
-                                         : "With these held at the rig's values ") +
-                  (before.complete() ? text("chi2 is %.6g as it is", before.chi2)
-                                     : "the fit cannot even start as it is") +
-                  text(" and %.6g without this mistake. ", after.chi2);
+  out.sentences += std::string(everything ? ". With all held at the rig's values "
+                                          : ". With these held at the rig's values ") +
+                   (before.complete() ? text("chi2 is %.6g as it is", before.chi2)
+                                      : "the fit cannot even start as it is") +
+                   text(" and %.6g without this mistake", after.chi2);
   return out;
 }
 
@@ -152,7 +151,7 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
     const Target& old = before.targets[h.squares[i]];
     rig.targets[h.squares[i]].square = (old.grid ? old.square : 1) * factors[i];
     if (std::abs(std::log(factors[i])) < 0.1 * largest) continue;  // tried with others: it is right
-    h.where.push_back(old.name);
+    h.where.push_back(Subject::target(old.name));
     h.mistake += h.mistake.empty() ? "" : "; ";
     h.mistake += old.grid ? "the size of target " + quoted(old.name) + " is wrong: " +
                                 text("the rig says %.6g m, the data say %.6g m (times %.5g)",
@@ -161,19 +160,14 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
                                 " have the wrong unit or scale: " +
                                 text("the data say %.5g times as large", factors[i]);
   }
-  h.cure = "Measure, and correct the size in the rig: metres, from corner to corner.";
+  h.cure = "measure, and correct the size in the rig: metres, from corner to corner";
 }
 
-Finding word(const Hypothesis& h, const Evidence& evidence) {
-  Finding finding;
-  finding.id = h.id;
-  finding.where = h.where;
+Notice word(const Hypothesis& h, const Evidence& evidence) {
+  Notice finding = make_notice(h.kind, h.where, h.mistake, evidence.sentences, h.cure);
   finding.estimated = h.estimated;
   finding.chi2_as_is = evidence.before;
   finding.chi2_corrected = evidence.after;
-  std::string sentence = h.mistake;
-  sentence[0] = static_cast<char>(std::toupper(sentence[0]));
-  finding.text = sentence + ". " + evidence.sentence + h.cure;
   return finding;
 }
 
@@ -181,7 +175,7 @@ Finding word(const Hypothesis& h, const Evidence& evidence) {
 /// and reports it; false if none is believed. `by_movement`: what it explains is not chi2 but that
 /// the estimate is far from the rig's values.
 bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by_movement,
-             std::vector<Finding>& out) {
+             std::vector<Notice>& out) {
   std::optional<Explanatory> best = choose(recording, context, {now, by_movement});
   if (!best) return false;
   const std::optional<Evidence> evidence =
@@ -192,15 +186,16 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
   if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
   if (best->hypothesis.told)
     std::tie(best->hypothesis.mistake, best->hypothesis.cure) = told(best->hypothesis, best->trial);
-  if (by_movement && best->hypothesis.id == "mirrored" &&
+  if (by_movement && best->hypothesis.kind == NoticeKind::mirrored &&
       std::any_of(rig.targets.begin(), rig.targets.end(), [&](const Target& t) {
         return t.grid && t.pose_given &&
-               std::count(best->hypothesis.where.begin(), best->hypothesis.where.end(), t.name) > 0;
+               std::count(best->hypothesis.where.begin(), best->hypothesis.where.end(),
+                          Subject::target(t.name)) > 0;
       }))
     best->hypothesis.cure +=
-        " Or the points are right, and it is the pose in the rig that has z out of the board, "
+        ". Or the points are right, and it is the pose in the rig that has z out of the board, "
         "where kincal's goes into it (x along a row, y from row to row): then nothing has to be "
-        "done, for the estimate is the right one.";
+        "done: the estimate is right";
   out.push_back(word(best->hypothesis, *evidence));
   recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
   context.all = std::move(best->trial.stage);
@@ -211,7 +206,7 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
 
 /// As explain(), of two mistakes at once.
 bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
-                 std::vector<Finding>& out) {
+                 std::vector<Notice>& out) {
   std::optional<TwoMistakes> best = choose_two(recording, context, now);
   if (!best) return false;
   Rig rig = best->trial.recording.rig;
@@ -229,9 +224,9 @@ bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
   const Evidence evidence = prove_by_chi2(now, explanatory.trial.fit, "both");
   for (size_t i = 0; i < 2; ++i) {
     Evidence one = evidence;
-    one.sentence = "This and " + both[1 - i].id +
-                   " are two mistakes of which neither alone explains the data. " +
-                   evidence.sentence;
+    one.sentences = std::string("This and ") + id(both[1 - i].kind) +
+                    " are two mistakes of which neither alone explains the data. " +
+                    evidence.sentences;
     out.push_back(word(both[i], one));
   }
   recording = Recording(std::move(rig), std::move(explanatory.trial.recording.samples));
@@ -251,9 +246,9 @@ struct State {
 /// A mistake that leaves what no noise explains may have been believed in place of two others:
 /// these are looked for in what was given, and take its place if they leave far less.
 void try_two_in_their_place(const State& given, Recording& recording, TrialContext& context,
-                            TrialFit& now, std::vector<Finding>& findings) {
+                            TrialFit& now, std::vector<Notice>& findings) {
   State two = given;
-  std::vector<Finding> both;
+  std::vector<Notice> both;
   if (!explain_two(two.recording, two.context, two.now, both) ||
       !(Thresholds::overwhelming * two.now.cost < now.cost))
     return;
@@ -265,11 +260,11 @@ void try_two_in_their_place(const State& given, Recording& recording, TrialConte
 
 /// As explain(), where a few samples are wrong besides, which are left for the next round.
 bool explain_most(Recording& recording, TrialContext& context, TrialFit& now,
-                  std::vector<Finding>& out) {
+                  std::vector<Notice>& out) {
   std::optional<Explanatory> best = choose_by_most(recording, context, now);
   if (!best) return false;
   Evidence evidence = prove_by_chi2(now, best->trial.fit);
-  evidence.sentence = "Without this mistake most samples fit, but not all. " + evidence.sentence;
+  evidence.sentences = "Without this mistake most samples fit, but not all. " + evidence.sentences;
   Rig rig = best->trial.recording.rig;
   if (!best->hypothesis.squares.empty()) {
     if (size_factors(recording.rig, best->hypothesis, best->trial).empty()) return false;
@@ -284,12 +279,12 @@ bool explain_most(Recording& recording, TrialContext& context, TrialFit& now,
 }
 
 /// Says of mistakes that leave what no noise explains that they are not all of it.
-void say_what_is_left(const TrialFit& now, std::vector<Finding>& findings) {
+void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
   if (!now.complete() || !(now.per_dof() > Thresholds::no_noise)) return;
-  for (Finding& f : findings)
-    f.text += text(
-        " But something else is wrong besides, or in its place: chi2/dof %.3g is left, "
-        "which is no noise.",
+  for (Notice& f : findings)
+    f.cure += text(
+        ". But something else is wrong besides, or in its place: chi2/dof %.3g is left, "
+        "which is no noise",
         now.per_dof());
 }
 
@@ -298,13 +293,13 @@ void say_what_is_left(const TrialFit& now, std::vector<Finding>& findings) {
 /// Adds the proof to joints that never move in the log but did; true if there is one. Such a joint
 /// can look like many things: it goes first, and then nothing else can be concluded.
 bool prove_still_joints(const Recording& recording, const TrialContext& context,
-                        const TrialFit& now, std::vector<Finding>& findings) {
+                        const TrialFit& now, std::vector<Notice>& findings) {
   bool found = false;
-  for (Finding& f : findings) {
-    if (f.id != "still-joint" || good(now)) continue;
+  for (Notice& f : findings) {
+    if (f.kind != NoticeKind::still_joint || good(now)) continue;
     context.report(0, 1);
     Rig rig = recording.rig;
-    rig.joints[rig.tree.find_joint(f.where[0])].sigma = 1;
+    rig.joints[rig.tree.find_joint(f.where[0].name)].sigma = 1;
     const TrialFit unknown =
         best_fit(Recording(std::move(rig), recording.samples), context, context.all, {100, 1e-6});
     if (!unknown.complete() || (now.complete() && now.cost < Thresholds::decisive * unknown.cost))
@@ -312,10 +307,10 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
     found = true;
     if (now.complete()) f.chi2_as_is = now.chi2;
     f.chi2_corrected = unknown.chi2;
-    f.text += " It did move: " +
-              (now.complete() ? text("chi2 is %.6g as it is", now.chi2)
-                              : "the fit cannot even start as it is") +
-              text(" and %.6g with its readings unknown.", unknown.chi2);
+    f.why = "it did move: " +
+            (now.complete() ? text("chi2 is %.6g as it is", now.chi2)
+                            : "the fit cannot even start as it is") +
+            text(" and %.6g with its readings unknown", unknown.chi2);
   }
   return found;
 }
@@ -410,54 +405,38 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
 }
 
 /// A number that nobody can mean, as the rig or the samples themselves show.
-bool is_wrong_number(const Finding& f) {
-  return !f.chi2_corrected && (f.id == "units" || f.id == "square" || f.id == "degrees" ||
-                               f.id == "intrinsics" || f.id == "baseline");
-}
+bool is_wrong_number(const Notice& f) { return !f.chi2_corrected && can_be_wrong_number(f.kind); }
 
 /// Of those found by fits, what explains most first; then the others, without what is named
 /// already. `explained`: nothing is left to explain; else numbers that cannot be meant come first.
-std::vector<Finding> ordered(std::vector<Finding> by_fits, std::vector<Finding> by_data,
-                             bool explained) {
-  const auto ratio = [](const Finding& f) {
+std::vector<Notice> ordered(std::vector<Notice> by_fits, std::vector<Notice> by_data,
+                            bool explained) {
+  const auto ratio = [](const Notice& f) {
     return f.chi2_as_is && f.chi2_corrected ? *f.chi2_as_is / std::max(1e-300, *f.chi2_corrected)
                                             : kInfinity;
   };
-  std::stable_sort(by_fits.begin(), by_fits.end(), [&](const Finding& a, const Finding& b) {
+  std::stable_sort(by_fits.begin(), by_fits.end(), [&](const Notice& a, const Notice& b) {
     return std::make_pair(a.estimated, -ratio(a)) < std::make_pair(b.estimated, -ratio(b));
   });
-  // A fit that proves how an image is wrong says why points lie outside of it.
-  const auto says = [](const Finding& g, const Finding& f) {
-    return g.id == f.id ||
-           (f.id == "outside-image" &&
-            (g.id == "resolution" || g.id == "exchanged-axes" || g.id == "intrinsics" ||
-             g.id == "swapped-cameras" || g.id == "normalised"));
-  };
-  // Nor do cameras whose images are wrong see a baseline as it is.
-  const auto wrong_images = [](const Finding& g) {
-    return g.id == "mirrored" || g.id == "swapped-cameras" || g.id == "exchanged-axes" ||
-           g.id == "resolution" || g.id == "intrinsics" || g.id == "normalised";
-  };
-  const auto named = [&](const Finding& f, const Finding& g) {
-    if (f.id == "baseline" && wrong_images(g)) return true;
-    return says(g, f) && std::any_of(f.where.begin(), f.where.end(), [&](const std::string& w) {
+  const auto says = [](const Notice& g, const Notice& f) {
+    return (g.kind == f.kind || explains(g.kind, f.kind)) &&
+           std::any_of(f.where.begin(), f.where.end(), [&](const Subject& w) {
              return std::count(g.where.begin(), g.where.end(), w) > 0;
            });
   };
   std::stable_partition(by_data.begin(), by_data.end(),
-                        [](const Finding& f) { return f.id != "outside-image"; });
-  for (Finding& f : by_data)
-    if (f.id == "duplicates" ||
-        std::none_of(by_fits.begin(), by_fits.end(), [&](const Finding& g) { return named(f, g); }))
+                        [](const Notice& f) { return f.kind != NoticeKind::points_outside; });
+  for (Notice& f : by_data)
+    if (std::none_of(by_fits.begin(), by_fits.end(), [&](const Notice& g) { return says(g, f); }))
       by_fits.push_back(std::move(f));
   if (!explained) std::stable_partition(by_fits.begin(), by_fits.end(), is_wrong_number);
   return by_fits;
 }
 
 /// The rig's own numbers and the samples, before any fit.
-std::vector<Finding> examine_data(const Recording& recording, const TrialContext& context) {
-  std::vector<Finding> out = find_implausible(recording.rig, recording.samples);
-  for (Finding& f : find_normalised(recording.rig, recording.samples)) out.push_back(std::move(f));
+std::vector<Notice> examine_data(const Recording& recording, const TrialContext& context) {
+  std::vector<Notice> out = find_implausible(recording.rig, recording.samples);
+  for (Notice& f : find_normalised(recording.rig, recording.samples)) out.push_back(std::move(f));
   const FreedNames freed = freed_names(recording.table, context.all);
   check_still_joints(recording, freed, out);
   check_connections(recording, freed, context.all.sensors, out);
@@ -466,16 +445,8 @@ std::vector<Finding> examine_data(const Recording& recording, const TrialContext
 
 Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   Diagnosis out;
-  out.tested = {
-      "square",         "rows-columns", "numbering",      "mirrored",         "joint-sign",
-      "degrees",        "still-joint",  "inverted-pose",  "eye-in-hand",      "swapped-cameras",
-      "rectified",      "duplicates",   "disconnected",   "bad-samples",      "exchanged-axes",
-      "resolution",     "intrinsics",   "normalised",     "board-columns",    "turned-pose",
-      "outlier-points", "units",        "outside-image",  "shifted",          "lag",
-      "wrong-link",     "sigma",        "home-position",  "exchanged-joints", "exchanged-targets",
-      "absolute-angle", "joint-axis",   "gear",           "quaternion",       "baseline",
-      "convention",     "moved-target", "turned-picture", "changed"};
-  std::vector<Finding> by_data = examine_data(recording, context), by_fits;
+  out.tested = tested_mistakes();
+  std::vector<Notice> by_data = examine_data(recording, context), by_fits;
 
   TrialFit now = fit_as_is(recording, context);
   if (now.complete()) out.chi2 = now.chi2;
@@ -484,7 +455,8 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   const State as_given = {recording, context, now};
   const bool still_joint = prove_still_joints(recording, context, now, by_data);
   for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
-    if (!explain(recording, context, now, false, by_fits) || by_fits.back().id == "still-joint")
+    if (!explain(recording, context, now, false, by_fits) ||
+        by_fits.back().kind == NoticeKind::still_joint)
       break;
   if (!by_fits.empty() && !still_joint && now.per_dof() > Thresholds::hopeless)
     try_two_in_their_place(as_given, recording, context, now, by_fits);
@@ -495,12 +467,13 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
       explain(recording, context, now, false, by_fits);
   }
   if (!still_joint && !good(now) && (by_fits.empty() || now.per_dof() > Thresholds::hopeless))
-    if (std::optional<Finding> changed =
+    if (std::optional<Notice> changed =
             two_parts(as_given.recording, as_given.context, as_given.now);
         changed &&
         (by_fits.empty() || !(now.chi2 < Thresholds::overwhelming * *changed->chi2_corrected)))
       by_fits = {std::move(*changed)};
-  if (now.complete() && !still_joint && (by_fits.empty() || by_fits.back().id != "still-joint")) {
+  if (now.complete() && !still_joint &&
+      (by_fits.empty() || by_fits.back().kind != NoticeKind::still_joint)) {
     const size_t before = by_fits.size();
     check_starts(recording, context, now, by_fits);
     // (Where the numbers of a fit lie that explains nothing says nothing.)
@@ -509,12 +482,13 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
          ++round)
       explain(recording, context, now, true, by_fits);
   }
-  const bool normalised = std::any_of(by_data.begin(), by_data.end(),
-                                      [](const Finding& f) { return f.id == "normalised"; });
+  const bool normalised = std::any_of(by_data.begin(), by_data.end(), [](const Notice& f) {
+    return f.kind == NoticeKind::normalised;
+  });
   if (by_fits.empty() && !still_joint && !normalised)
-    if (std::optional<Finding> sigma = wrong_sigmas(recording, context, now))
+    if (std::optional<Notice> sigma = wrong_sigmas(recording, context, now))
       by_fits.push_back(std::move(*sigma));
-  const bool changed = !by_fits.empty() && by_fits.front().id == "changed";
+  const bool changed = !by_fits.empty() && by_fits.front().kind == NoticeKind::changed;
   if (!good(now) && now.complete() && !still_joint && !changed && !context.usual_steps)
     out.readings = joint_noise(recording, context, now);
   out.verdict = verdict(recording, context, now,
@@ -522,14 +496,6 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
                          std::any_of(by_data.begin(), by_data.end(), is_wrong_number),
                          !by_fits.empty(), still_joint, changed, out.readings});
   if (!still_joint && !changed) say_what_is_left(now, by_fits);
-  // Points that are numbered otherwise, or a board with other rows: that says why the last are
-  // missing.
-  if (std::any_of(by_fits.begin(), by_fits.end(), [](const Finding& f) {
-        return f.id == "board-columns" || f.id == "rows-columns" || f.id == "numbering";
-      }))
-    by_data.erase(std::remove_if(by_data.begin(), by_data.end(),
-                                 [](const Finding& f) { return f.id == "numbering"; }),
-                  by_data.end());
   out.findings = ordered(std::move(by_fits), std::move(by_data),
                          still_joint || changed || now.per_dof() < Thresholds::noise);
   return out;

@@ -36,7 +36,7 @@
 #include "../rig/rig.h"
 #include "../rig/samples.h"
 #include "data_checks.h"  // find_duplicates()
-#include "finding.h"
+#include "diagnosis.h"
 
 namespace kincal {
 

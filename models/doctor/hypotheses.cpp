@@ -42,7 +42,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_links(rig, samples, out);
   if (!survey.floating.empty() && survey.ranges.empty())  // the same as poses the wrong way round
     out.erase(std::remove_if(out.begin(), out.end(),
-                             [](const Hypothesis& h) { return h.id == "eye-in-hand"; }),
+                             [](const Hypothesis& h) { return h.kind == NoticeKind::eye_in_hand; }),
               out.end());
   return out;
 }

@@ -22,8 +22,8 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
     const double low = range.second.first, high = range.second.second;
     if (high - low > 1e-9) {
       Hypothesis h;
-      h.id = "joint-sign";
-      h.where = {joint.name};
+      h.kind = NoticeKind::joint_sign;
+      h.where = {Subject::joint(joint.name)};
       h.mistake =
           "joint " + quoted(joint.name) +
           " turns the other way: its readings, or its axis in the URDF, have the wrong sign";
@@ -31,18 +31,18 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
         h.mistake =
             "joint " + quoted(joint.name) +
             " moves the other way: its readings, or its axis in the URDF, have the wrong sign";
-      h.cure = "Change the sign of its readings, or of its <axis> in the URDF.";
+      h.cure = "change the sign of its readings, or of its <axis> in the URDF";
       h.undo = [j](Rig& r, std::vector<Sample>& s) {
         change_readings(r, s, j, [](double q) { return -q; });
       };
       out.push_back(h);
     } else if (samples.size() > 1) {
       Hypothesis h;
-      h.id = "still-joint";
-      h.where = {joint.name};
+      h.kind = NoticeKind::still_joint;
+      h.where = {Subject::joint(joint.name)};
       h.mistake =
           "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved";
-      h.cure = "Record its readings: what was logged is a constant.";
+      h.cure = "record its readings: what was logged is a constant";
       h.ignored_joint = j;
       h.undo = [](Rig&, std::vector<Sample>&) {};
       out.push_back(h);
@@ -63,13 +63,14 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
     for (int j : too_far) groups.push_back({j});
   for (const std::vector<int>& group : groups) {
     Hypothesis h;
-    h.id = "degrees";
-    for (int j : group) h.where.push_back(rig.tree.joints[j].name);
+    h.kind = NoticeKind::degrees;
+    for (int j : group) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
     std::string names;
-    for (const std::string& name : h.where) names += (names.empty() ? "" : ", ") + quoted(name);
+    for (const std::string& name : names_of(h.where))
+      names += (names.empty() ? "" : ", ") + quoted(name);
     h.mistake = std::string("the readings of joint") + (group.size() > 1 ? "s " : " ") + names +
                 " are degrees";
-    h.cure = "Write radians: multiply them by pi / 180.";
+    h.cure = "write radians: multiply them by pi / 180";
     h.undo = [group](Rig& r, std::vector<Sample>& s) {
       for (int j : group) change_readings(r, s, j, [](double q) { return q * kPi / 180; });
     };
@@ -159,7 +160,7 @@ bool keeps_views(const Rig& rig, const std::vector<Sample>& samples, const Readi
 
 Hypothesis shifted(int by, const std::string& what, const std::string& cure) {
   Hypothesis h;
-  h.id = "shifted";
+  h.kind = NoticeKind::shifted;
   h.many = true;
   h.mistake = what + (by > 0 ? " belong to the joint readings of the sample after it"
                              : " belong to the joint readings of the sample before it");
@@ -188,7 +189,7 @@ void add_shift_of(int sensor, int by, const Rig& rig, const std::vector<Sample>&
   Hypothesis h = shifted(by, "the views of sensor " + quoted(rig.sensors[sensor].name),
                          "Pair its views with the readings of their own time: its log starts a "
                          "sample too early or too late.");
-  h.where = {rig.sensors[sensor].name};
+  h.where = {Subject::sensor(rig.sensors[sensor].name)};
   h.undo = [sensor, views](Rig&, std::vector<Sample>& changed) {
     for (Sample& s : changed) {
       s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
@@ -220,10 +221,10 @@ void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples, co
     }
     if (readings->size() < kFewest) continue;
     Hypothesis h = shifted(by, "the views of every sample",
-                           "Pair readings and views of the same time: one of the two logs starts a "
-                           "sample too early or too late. (Seen by the numbers in the samples' "
-                           "ids; those whose neighbour is missing were left out.)");
-    for (int s : survey.sensors) h.where.push_back(rig.sensors[s].name);
+                           "pair readings and views of the same time: one of the two logs starts a "
+                           "sample too early or too late (seen by the numbers in the samples' "
+                           "ids; those whose neighbour is missing were left out)");
+    for (int s : survey.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
     h.leaves_out = true;
     h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
       replace_readings(r, *readings, changed);
@@ -251,9 +252,9 @@ void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey
     if (!moves) return;
     if (keeps_views(rig, samples, *readings)) {
       Hypothesis h = shifted(by, "the views of every sample",
-                             "Pair readings and views of the same time: one of the two logs starts "
-                             "a sample too early or too late.");
-      for (int s : survey.sensors) h.where.push_back(rig.sensors[s].name);
+                             "pair readings and views of the same time: one of the two logs starts "
+                             "a sample too early or too late");
+      for (int s : survey.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
       h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
         replace_readings(r, *readings, changed);
       };
@@ -325,10 +326,10 @@ void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples, cons
       (*readings)[samples[order[rows[i]]].id] = samples[order[i]].readings;
     if (!keeps_views(rig, samples, *readings)) continue;
     Hypothesis h;
-    h.id = "shifted";
+    h.kind = NoticeKind::shifted;
     h.mistake = "readings and views are paired in the wrong order: " + how;
-    h.cure = "Pair readings and views by their names or times, not by their place in a list.";
-    for (int s : survey.sensors) h.where.push_back(rig.sensors[s].name);
+    h.cure = "pair readings and views by their names or times, not by their place in a list";
+    for (int s : survey.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
     h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
       replace_readings(r, *readings, changed);
     };
@@ -345,10 +346,11 @@ void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples, cons
     }
     if (!keeps_views(rig, samples, *readings)) continue;
     Hypothesis h;
-    h.id = "shifted";
-    h.where = {rig.tree.joints[joint].name};
-    h.mistake = "the readings of joint " + quoted(h.where[0]) + " are those of the sample before";
-    h.cure = "Log all joints at the time of the views: this one's readings are a sample too old.";
+    h.kind = NoticeKind::shifted;
+    h.where = {Subject::joint(rig.tree.joints[joint].name)};
+    h.mistake =
+        "the readings of joint " + quoted(h.where[0].name) + " are those of the sample before";
+    h.cure = "log all joints at the time of the views: this one's readings are a sample too old";
     h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
       replace_readings(r, *readings, changed);
     };
@@ -464,14 +466,14 @@ std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContex
   auto readings = std::make_shared<ReadingsOf>(motion->later(lag));
   if (!keeps_views(recording.rig, recording.samples, *readings)) return std::nullopt;
   Hypothesis h;
-  h.id = "lag";
-  h.where = {"joints"};
+  h.kind = NoticeKind::lag;
+  h.where = {{Subject::Kind::part, "joints"}};
   h.mistake = std::string("the joint readings are ") + (lag > 0 ? "older" : "newer") +
               " than the views of their sample, by " +
               (motion->stamped ? text("%.4g s", std::abs(lag))
                                : text("%.3g of the time from sample to sample", std::abs(lag)));
   h.cure =
-      "Take samples while the robot stands still, or take the readings at the time of the views.";
+      "take samples while the robot stands still, or take the readings at the time of the views";
   h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
     replace_readings(r, *readings, changed);
   };
@@ -539,13 +541,13 @@ std::optional<Hypothesis> unfinished_move(const Recording& recording, const Tria
   auto readings = std::make_shared<ReadingsOf>(moved_by_share(all, order, neighbour, best));
   if (!keeps_views(recording.rig, all, *readings)) return std::nullopt;
   Hypothesis h;
-  h.id = "lag";
-  h.where = {"joints"};
+  h.kind = NoticeKind::lag;
+  h.where = {{Subject::Kind::part, "joints"}};
   h.mistake = std::string("the robot moved between readings and views: they differ by ") +
               text("%.2g %% of the way ", 100 * std::abs(best)) +
               (neighbour > 0 ? "to the posture of the sample after it"
                              : "from the posture of the sample before it");
-  h.cure = "Take readings and views at one time, after the robot has come to rest.";
+  h.cure = "take readings and views at one time, after the robot has come to rest";
   h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
     replace_readings(r, *readings, changed);
   };

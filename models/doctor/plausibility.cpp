@@ -30,14 +30,8 @@ constexpr double kBeyondLimits = 3, kManyTurns = 8;
 constexpr double kCorner = 0.52, kFilled = 0.35;
 constexpr size_t kEnoughViews = 8;
 constexpr double kShortestFocal = 0.1;  // of the width: no lens has so short a focal length
-
-Finding implausible(const char* id, const std::string& where, const std::string& words) {
-  Finding f;
-  f.id = id;
-  f.where = {where};
-  f.text = words;
-  return f;
-}
+constexpr char kWriteMetres[] =
+    "write metres: millimetres have to be divided by 1000, centimetres by 100";
 
 constexpr size_t kFewestOfPart = 4;  // points of a view: of fewer the first are nothing strange
 
@@ -103,8 +97,7 @@ std::optional<std::pair<int, int>> smaller_image(const Sensor& sensor, const Poi
   return std::pair(static_cast<int>(std::lround(width)), static_cast<int>(std::lround(height)));
 }
 
-void check_images(const Rig& rig, const std::vector<PointCloud>& clouds,
-                  std::vector<Finding>& out) {
+void check_images(const Rig& rig, const std::vector<PointCloud>& clouds, std::vector<Notice>& out) {
   for (size_t s = 0; s < clouds.size(); ++s) {
     const PointCloud& cloud = clouds[s];
     const Sensor& sensor = rig.sensors[s];
@@ -113,70 +106,71 @@ void check_images(const Rig& rig, const std::vector<PointCloud>& clouds,
       const bool turned = cloud.outside_turned == 0 && width != height;
       const bool larger = 5 * cloud.outside > cloud.points && cloud.right < 2 * width &&
                           cloud.low < 2 * height && cloud.right > 1.3 * width;
-      out.push_back(implausible(
-          "outside-image", sensor.name,
-          "Of camera " + quoted(sensor.name) +
+      out.push_back(make_notice(
+          NoticeKind::points_outside, {Subject::sensor(sensor.name)},
+          "of camera " + quoted(sensor.name) +
               text(" %zu of %zu points lie outside its image of %d x %d pixels, the worst by %.3g "
                    "px, at (%.5g, %.5g) in sample ",
                    cloud.outside, cloud.points, width, height, cloud.beyond, cloud.u, cloud.v) +
-              quoted(cloud.sample) + ". " +
-              (turned   ? "Inside of it lie all if width and height are exchanged: correct "
-                          "image_size, or exchange u and v of the points"
-               : larger ? "They look like points of an image twice as large: make points, "
-                          "image_size and intrinsics those of one resolution"
-                        : "Correct image_size, or take them out: no image shows them")));
+              quoted(cloud.sample),
+          turned   ? "inside of it lie all if width and height are exchanged"
+          : larger ? "they look like points of an image twice as large"
+                   : "",
+          turned   ? "correct image_size, or exchange u and v of the points"
+          : larger ? "make points, image_size and intrinsics those of one resolution"
+                   : "correct image_size, or take them out: no image shows them"));
     } else if (cloud.views >= kEnoughViews && cloud.right < kCorner * width &&
                cloud.low < kCorner * height && cloud.right > kFilled * width &&
                cloud.low > kFilled * height) {
-      out.push_back(implausible(
-          "resolution", sensor.name,
-          "All points of camera " + quoted(sensor.name) +
+      out.push_back(make_notice(
+          NoticeKind::resolution, {Subject::sensor(sensor.name)},
+          "all points of camera " + quoted(sensor.name) +
               text(" lie in the upper left quarter of its image of %d x %d pixels: they are of "
-                   "images of half that size, or image_size is not what was detected in. Make "
-                   "points, image_size and intrinsics those of one resolution",
-                   width, height)));
+                   "images of half that size, or image_size is not what was detected in",
+                   width, height),
+          "", "make points, image_size and intrinsics those of one resolution"));
     } else if (const auto size = smaller_image(sensor, cloud);
                size && cloud.views >= kEnoughViews) {
-      out.push_back(implausible(
-          "resolution", sensor.name,
-          "All points of camera " + quoted(sensor.name) +
-              text(
-                  " lie in the upper left %d x %d pixels of its image of %d x %d, whose middle the "
-                  "intrinsics have: correct image_size, or make points and intrinsics those of "
-                  "the whole image",
-                  size->first, size->second, width, height)));
+      out.push_back(make_notice(
+          NoticeKind::resolution, {Subject::sensor(sensor.name)},
+          "all points of camera " + quoted(sensor.name) +
+              text(" lie in the upper left %d x %d pixels of its image of %d x %d, whose middle "
+                   "the intrinsics have",
+                   size->first, size->second, width, height),
+          "", "correct image_size, or make points and intrinsics those of the whole image"));
     }
   }
 }
 
-void check_intrinsics(const Sensor& sensor, const PointCloud& cloud, std::vector<Finding>& out) {
+void check_intrinsics(const Sensor& sensor, const PointCloud& cloud, std::vector<Notice>& out) {
   const ParameterBlock* block = find_block(sensor, ParameterKind::intrinsics);
   const int width = sensor.image_width, height = sensor.image_height;
   if (!block || block->values.size() != 4 || width <= 0) return;
   const Intrinsics k = {block->values[0], block->values[1], block->values[2], block->values[3]};
+  const auto add = [&](std::string what, std::string cure) {
+    out.push_back(make_notice(NoticeKind::intrinsics, {Subject::sensor(sensor.name)},
+                              std::move(what), "", std::move(cure)));
+  };
   // (With a centre in pixels; else the whole is of normalised coordinates.)
   if (plausible(k, width, height, 0.3) && std::max(k[0], k[1]) < kShortestFocal * width) {
-    out.push_back(implausible(
-        "intrinsics", sensor.name,
-        "The focal lengths of camera " + quoted(sensor.name) +
-            text(", %.5g and %.5g, are next to nothing beside its image of %d x %d pixels. Write "
-                 "pixels: millimetres have to be divided by the size of a pixel on the chip in "
-                 "millimetres",
-                 k[0], k[1], width, height)));
+    add("the focal lengths of camera " + quoted(sensor.name) +
+            text(", %.5g and %.5g, are next to nothing beside its image of %d x %d pixels", k[0],
+                 k[1], width, height),
+        "write pixels: millimetres have to be divided by the size of a pixel on the chip in "
+        "millimetres");
     return;
   }
   if (plausible(k, width, height, 0.3)) return;
   const std::string given = text("[%.5g, %.5g, %.5g, %.5g]", k[0], k[1], k[2], k[3]);
-  const std::string begin = "The intrinsics of camera " + quoted(sensor.name) + ", " + given +
+  const std::string begin = "the intrinsics of camera " + quoted(sensor.name) + ", " + given +
                             text(", do not suit its image of %d x %d pixels: ", width, height);
   if (width != height && cloud.points > 0 && cloud.outside_turned == 0 &&
       plausible(k, height, width, 0.15)) {
     if (cloud.outside == 0)  // else that says it
-      out.push_back(implausible(
-          "intrinsics", sensor.name,
-          begin + text("they suit one of %d x %d, and no point lies outside of that. Are the "
-                       "pictures so, write image_size: [%d, %d]; if not, cx and cy are exchanged",
-                       height, width, height, width)));
+      add(begin +
+              text("they suit one of %d x %d, and no point lies outside of that", height, width),
+          text("if the pictures are so, write image_size: [%d, %d]; if not, exchange cx and cy",
+               height, width));
     return;
   }
   const std::pair<Intrinsics, const char*> orders[] = {{{k[0], k[2], k[1], k[3]}, "fx cx fy cy"},
@@ -184,31 +178,24 @@ void check_intrinsics(const Sensor& sensor, const PointCloud& cloud, std::vector
                                                        {{k[0], k[1], k[3], k[2]}, "fx fy cy cx"}};
   for (const auto& order : orders)
     if (plausible(order.first, width, height, 0.15)) {
-      out.push_back(implausible("intrinsics", sensor.name,
-                                begin + "they are " + order.second +
-                                    " there. Write them as fx, fy, cx, cy" +
-                                    text(": [%.5g, %.5g, %.5g, %.5g]", order.first[0],
-                                         order.first[1], order.first[2], order.first[3])));
+      add(begin + "they are " + order.second + " there",
+          text("write them as fx, fy, cx, cy: [%.5g, %.5g, %.5g, %.5g]", order.first[0],
+               order.first[1], order.first[2], order.first[3]));
       return;
     }
   const double times = 2 * k[2] / width;
   if (times > 0 && std::abs(std::log(times)) > std::log(1.5) &&
       plausible({k[0] / times, k[1] / times, k[2] / times, k[3] / times}, width, height, 0.05))
-    out.push_back(
-        implausible("intrinsics", sensor.name,
-                    begin + text("they are of an image %.3g times as large. Make them and "
-                                 "image_size those of one resolution",
-                                 times)));
+    add(begin + text("they are of an image %.3g times as large", times),
+        "make them and image_size those of one resolution");
   else if (!(k[2] > -0.5 && k[2] < width - 0.5 && k[3] > -0.5 && k[3] < height - 0.5))
-    out.push_back(implausible("intrinsics", sensor.name,
-                              begin +
-                                  "their principal point (cx, cy) lies outside of it. Write them "
-                                  "as fx, fy, cx, cy, and correct image_size"));
+    add(begin + "their principal point (cx, cy) lies outside of it",
+        "write them as fx, fy, cx, cy, and correct image_size");
 }
 
 /// Views without ids count as the first points of their target: where all that show a part show
 /// the first so many, in order, that is likelier than that the rest was hidden.
-void check_ids(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+void check_ids(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
   struct Parts {
     size_t views = 0, partial = 0, first = 0, fewest = 0;
     std::string sample;
@@ -231,16 +218,16 @@ void check_ids(const Rig& rig, const std::vector<Sample>& samples, std::vector<F
     }
   for (const auto& [t, p] : parts)
     if (p.first >= 3 && p.first == p.partial)
-      out.push_back(implausible(
-          "numbering", rig.targets[t].name,
+      out.push_back(make_notice(
+          NoticeKind::numbering, {Subject::target(rig.targets[t].name)},
           text("%zu of %zu views of target ", p.first, p.views) + quoted(rig.targets[t].name) +
               text(" have the first of its %d points, in order, and not the last (%zu at least, "
                    "first sample ",
                    rig.targets[t].count(), p.fewest) +
-              quoted(p.sample) +
-              "). Points without \"ids\" count as 0, 1, 2, ...: where a view shows a part of the "
-              "board, write the ids of the points that it shows; if all are seen, see to the rows "
-              "and columns of the rig"));
+              quoted(p.sample) + ")",
+          "points without \"ids\" count as 0, 1, 2, ...",
+          "where a view shows a part of the board, write the ids of the points that it shows; if "
+          "all are seen, see to the rows and columns of the rig"));
 }
 
 /// Whether no robot has a link as long as the one that ends at a joint.
@@ -258,53 +245,51 @@ bool too_long(const Tree& tree, const Joint& joint) {
   return length > kLongestLink || length > kTimesTheOthers * longest;
 }
 
-void check_lengths(const Rig& rig, std::vector<Finding>& out) {
+void check_lengths(const Rig& rig, std::vector<Notice>& out) {
   for (const Target& target : rig.targets) {
     const bool small = target.grid && target.square > 0 && target.square < kSmallSquare;
     if (target.grid && (small || target.square > kLargeSquare))
-      out.push_back(implausible(
-          "square", target.name,
-          "The fields of target " + quoted(target.name) +
-              text(" are %.4g m large in the rig. ", target.square) +
-              (small ? "Measure, and write metres"
-                     : text("Write metres: %.4g if these are millimetres, %.4g if centimetres",
-                            target.square / 1000, target.square / 100))));
+      out.push_back(make_notice(
+          NoticeKind::square, {Subject::target(target.name)},
+          "the fields of target " + quoted(target.name) +
+              text(" are %.4g m large in the rig", target.square),
+          "",
+          small ? "measure, and write metres"
+                : text("write metres: %.4g if these are millimetres, %.4g if centimetres",
+                       target.square / 1000, target.square / 100)));
     if (!target.grid && target.points.cols() > 0 &&
         target.points.cwiseAbs().maxCoeff() > kFarMounted)
-      out.push_back(
-          implausible("square", target.name,
-                      "Points of target " + quoted(target.name) +
-                          text(" are %.4g m from its origin in the rig. Write metres: "
-                               "millimetres have to be divided by 1000, centimetres by 100",
-                               target.points.cwiseAbs().maxCoeff())));
+      out.push_back(make_notice(
+          NoticeKind::square, {Subject::target(target.name)},
+          "points of target " + quoted(target.name) +
+              text(" are %.4g m from its origin in the rig", target.points.cwiseAbs().maxCoeff()),
+          "", kWriteMetres));
   }
-  const auto mounted = [&](const std::string& what, const std::string& name, const Pose& pose) {
-    if (pose.translation.norm() > kFarMounted)
-      out.push_back(
-          implausible("units", name,
-                      what + " " + quoted(name) +
-                          text(" stands %.4g m from its link in the rig. Write metres: "
-                               "millimetres have to be divided by 1000, centimetres by 100",
-                               pose.translation.norm())));
+  const auto far = [&](const Subject& of, const std::string& what, const char* from,
+                       double distance) {
+    out.push_back(make_notice(
+        NoticeKind::units, {of},
+        what + " " + quoted(of.name) + text(" stands %.4g m from its %s", distance, from), "",
+        kWriteMetres));
   };
-  for (const Sensor& s : rig.sensors) mounted("Sensor", s.name, s.link_T_sensor);
+  for (const Sensor& s : rig.sensors)
+    if (const double distance = s.link_T_sensor.translation.norm(); distance > kFarMounted)
+      far(Subject::sensor(s.name), "sensor", "link in the rig", distance);
   for (const Target& t : rig.targets)
-    if (t.link >= 0) mounted("Target", t.name, t.link_T_target);
+    if (const double distance = t.link_T_target.translation.norm();
+        t.link >= 0 && distance > kFarMounted)
+      far(Subject::target(t.name), "target", "link in the rig", distance);
   for (const Joint& joint : rig.tree.joints)
     if (too_long(rig.tree, joint)) {
-      out.push_back(implausible(
-          "units", joint.name,
-          "Joint " + quoted(joint.name) +
-              text(" stands %.4g m from its parent link in the URDF. Write metres: millimetres "
-                   "have to be divided by 1000, centimetres by 100",
-                   joint.parent_T_joint.translation.norm())));
+      far(Subject::joint(joint.name), "joint", "parent link in the URDF",
+          joint.parent_T_joint.translation.norm());
       break;
     }
 }
 
 /// Measured points or positions, of which more than half are further away than anything.
 void check_measured_lengths(const Rig& rig, const std::vector<Sample>& samples,
-                            std::vector<Finding>& out) {
+                            std::vector<Notice>& out) {
   std::vector<std::vector<double>> distances(rig.sensors.size());
   for (const Sample& sample : samples)
     for (const View& view : sample.views) {
@@ -319,16 +304,16 @@ void check_measured_lengths(const Rig& rig, const std::vector<Sample>& samples,
   for (size_t s = 0; s < distances.size(); ++s) {
     const double middle = median(std::move(distances[s]), 0);
     if (middle > kFarAway)
-      out.push_back(
-          implausible("square", rig.sensors[s].name,
-                      "Sensor " + quoted(rig.sensors[s].name) +
-                          text(" measures points %.4g m away. Write metres into its "
-                               "views: millimetres have to be divided by 1000, centimetres by 100",
-                               middle)));
+      out.push_back(make_notice(
+          NoticeKind::square, {Subject::sensor(rig.sensors[s].name)},
+          "sensor " + quoted(rig.sensors[s].name) + text(" measures points %.4g m away", middle),
+          "",
+          "write metres into its views: millimetres have to be divided by "
+          "1000, centimetres by 100"));
   }
 }
 
-void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
   std::vector<std::string> names;
   double worst = 0;
   for (const auto& range : make_survey(rig, samples).ranges) {
@@ -344,19 +329,16 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
     worst = std::max(worst, most);
   }
   if (names.empty()) return;
-  Finding f = implausible("degrees", "",
-                          std::string("Joint") + (names.size() == 1 ? " " : "s ") + joined(names) +
-                              (names.size() == 1 ? " has" : " have") +
-                              text(" readings of up to %.4g rad. Write radians: degrees have to be "
-                                   "multiplied by pi / 180",
-                                   worst));
-  f.where = names;
-  out.push_back(std::move(f));
+  out.push_back(make_notice(NoticeKind::degrees, subjects(Subject::Kind::joint, names),
+                            std::string("joint") + (names.size() == 1 ? " " : "s ") +
+                                joined(names) + (names.size() == 1 ? " has" : " have") +
+                                text(" readings of up to %.4g rad", worst),
+                            "", "write radians: degrees have to be multiplied by pi / 180"));
 }
 
 /// Poses of a floating joint, all of which are further away than any flange.
 void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
-                         std::vector<Finding>& out) {
+                         std::vector<Notice>& out) {
   for (const int j : make_survey(rig, samples).floating) {
     std::vector<double> distances;
     for (const Sample& sample : samples) {
@@ -366,15 +348,14 @@ void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
     const double middle = median(std::move(distances), 0);
     const std::string& name = rig.tree.joints[j].name;
     if (middle > kFarFlange)
-      out.push_back(implausible("units", name,
-                                "The poses of joint " + quoted(name) +
-                                    text(" are %.4g m away. Write metres: millimetres have to be "
-                                         "divided by 1000, centimetres by 100",
-                                         middle)));
+      out.push_back(
+          make_notice(NoticeKind::units, {Subject::joint(name)},
+                      "the poses of joint " + quoted(name) + text(" are %.4g m away", middle), "",
+                      kWriteMetres));
   }
 }
 
-void check_slides(const Rig& rig, const std::vector<Sample>& samples, std::vector<Finding>& out) {
+void check_slides(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
   for (const auto& range : make_survey(rig, samples).ranges) {
     const Joint& joint = rig.tree.joints[range.first];
     if (joint.type != JointType::prismatic) continue;
@@ -389,12 +370,12 @@ void check_slides(const Rig& rig, const std::vector<Sample>& samples, std::vecto
     for (const LengthUnit& u : other_length_units())
       if (unit.empty() && limited && std::abs(most) * u.metres < 1.2 * reach)
         unit = std::string(": if these are ") + u.name + ", " + u.cure;
-    out.push_back(implausible(
-        "units", joint.name,
-        "Sliding joint " + quoted(joint.name) + text(" has readings of up to %.5g m", most) +
+    out.push_back(make_notice(
+        NoticeKind::units, {Subject::joint(joint.name)},
+        "sliding joint " + quoted(joint.name) + text(" has readings of up to %.5g m", most) +
             (limited ? text(", its limits in the URDF are %.4g and %.4g", joint.lower, joint.upper)
-                     : std::string()) +
-            ". Write metres" + unit));
+                     : std::string()),
+        "", "write metres" + unit));
   }
 }
 
@@ -419,8 +400,7 @@ std::optional<double> disparity(const std::vector<Sample>& samples, int a, int b
 }
 
 /// Baselines that are not metres, or that the views of a rectified pair contradict.
-void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
-                     std::vector<Finding>& out) {
+void check_baselines(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
   const auto number = [](const Sensor& s, ParameterKind kind, size_t i) {
     const ParameterBlock* block = find_block(s, kind);
     return block && block->values.size() > i ? block->values[i] : std::nan("");
@@ -429,10 +409,10 @@ void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
     const Sensor& one = rig.sensors[a];
     const double baseline = number(one, ParameterKind::baseline, 0);
     if (std::abs(baseline) > kFarBaseline)
-      out.push_back(implausible("baseline", one.name,
-                                "The baseline of camera " + quoted(one.name) +
-                                    text(" is %.4g m. Write metres: millimetres would be %.4g",
-                                         baseline, baseline / 1000)));
+      out.push_back(
+          make_notice(NoticeKind::baseline, {Subject::sensor(one.name)},
+                      "the baseline of camera " + quoted(one.name) + text(" is %.4g m", baseline),
+                      "", text("write metres: millimetres would be %.4g", baseline / 1000)));
     for (size_t b = a + 1; b < rig.sensors.size() && std::isfinite(baseline); ++b) {
       const Sensor& other = rig.sensors[b];
       const double apart = number(other, ParameterKind::baseline, 0) - baseline;
@@ -449,16 +429,17 @@ void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
           number(one, ParameterKind::intrinsics, 2) - number(other, ParameterKind::intrinsics, 2);
       if (!seen || std::abs(*seen - centres) < kDisparity || apart * (*seen - centres) > 0)
         continue;
-      const std::string pair = quoted(one.name) + " and " + quoted(other.name);
-      out.push_back(implausible(
-          "baseline", (*seen > centres ? other : one).name,
-          "Cameras " + pair +
+      const Sensor &right = *seen > centres ? other : one, &left = *seen > centres ? one : other;
+      out.push_back(make_notice(
+          NoticeKind::baseline, {Subject::sensor(right.name), Subject::sensor(left.name)},
+          "cameras " + quoted(one.name) + " and " + quoted(other.name) +
               (apart == 0 ? " stand at one place in the rig, without a baseline between them"
                           : " stand the other way round than they see") +
-              text(": the same points lie %.3g px further %s in the first. ",
-                   std::abs(*seen - centres), *seen > centres ? "right" : "left") +
-              "Camera " + quoted((*seen > centres ? other : one).name) +
-              " is the right one: give it the (positive) baseline, the other 0" +
+              text(": the same points lie %.3g px further %s in the first",
+                   std::abs(*seen - centres), *seen > centres ? "right" : "left"),
+          "",
+          "give camera " + quoted(right.name) +
+              ", which is the right one, the (positive) baseline, the other 0" +
               (apart == 0 ? "" : "; or exchange the names in the views")));
     }
   }
@@ -466,8 +447,8 @@ void check_baselines(const Rig& rig, const std::vector<Sample>& samples,
 
 }  // namespace
 
-std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>& samples) {
-  std::vector<Finding> out;
+std::vector<Notice> find_implausible(const Rig& rig, const std::vector<Sample>& samples) {
+  std::vector<Notice> out;
   const std::vector<PointCloud> clouds = point_clouds(rig, samples);
   check_lengths(rig, out);
   check_measured_lengths(rig, samples, out);
@@ -478,8 +459,7 @@ std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>&
   check_ids(rig, samples, out);
   for (size_t s = 0; s < rig.sensors.size(); ++s) check_intrinsics(rig.sensors[s], clouds[s], out);
   check_images(rig, clouds, out);
-  for (Finding& f : out) f.text += ".";
-  for (Finding& f : find_duplicates(rig, samples)) out.push_back(std::move(f));
+  for (Notice& f : find_duplicates(rig, samples)) out.push_back(std::move(f));
   return out;
 }
 

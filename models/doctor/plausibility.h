@@ -5,15 +5,15 @@
 
 #include <vector>
 
+#include "../notices/notice.h"
 #include "../rig/rig.h"
 #include "../rig/samples.h"
-#include "finding.h"
 
 namespace kincal {
 
 /// Finds duplicates of samples, points outside of a camera's image or all in a corner of it,
 /// intrinsics in another order or of another resolution, lengths in millimetres and angles in
 /// degrees. No finding has a chi2.
-std::vector<Finding> find_implausible(const Rig& rig, const std::vector<Sample>& samples);
+std::vector<Notice> find_implausible(const Rig& rig, const std::vector<Sample>& samples);
 
 }  // namespace kincal

@@ -121,64 +121,72 @@ Pose radians(Pose pose, bool a_b_c, bool vector, double metres) {
 }
 
 struct Mistake {
-  const char *id, *mistake, *cure;
+  NoticeKind kind;
+  const char *mistake, *cure;
   Change undo;
   bool leaves_out = false;
 };
 
 const Mistake kMistakes[] = {
-    {"inverted-pose", "are given the wrong way round, as that of the base in the flange",
-     "Invert them: a reading is parent_T_child, it maps coordinates of the flange to the base's. "
-     "(Or "
-     "sensor and target sit on each other's links in the rig: the data are the same.)",
+    {NoticeKind::inverted_pose, "are given the wrong way round, as that of the base in the flange",
+     "invert them: a reading is parent_T_child, it maps coordinates of the flange to the base's "
+     "(or "
+     "sensor and target sit on each other's links in the rig: the data are the same)",
      [](const Pose& pose) { return inverse(pose); }},
-    {"quaternion", "have their quaternions with w first", "Write \"quat\": [x, y, z, w].",
+    {NoticeKind::quaternion, "have their quaternions with w first", "write \"quat\": [x, y, z, w]",
      scalar_first},
-    {"quaternion", "have quaternions with w last that were read with w first",
-     "Write \"quat\": [x, y, z, w], in this order (--pose-format xyzw).", scalar_last},
-    {"inverted-pose",
+    {NoticeKind::quaternion, "have quaternions with w last that were read with w first",
+     "write \"quat\": [x, y, z, w], in this order (--pose-format xyzw)", scalar_last},
+    {NoticeKind::inverted_pose,
      "are given the wrong way round, as that of the base in the flange, and have their quaternions "
      "with w first",
-     "Write \"quat\": [x, y, z, w], and invert the poses: a reading is parent_T_child, it maps "
-     "coordinates of the flange to the base's.",
+     "write \"quat\": [x, y, z, w], and invert the poses: a reading is parent_T_child, it maps "
+     "coordinates of the flange to the base's",
      [](const Pose& pose) { return inverse(scalar_first(pose)); }},
-    {"convention", "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
-     "Convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)].", rotation_vector<false>,
+    {NoticeKind::convention,
+     "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
+     "convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)]", rotation_vector<false>,
      true},
-    {"convention",
+    {NoticeKind::convention,
      "have rotation vectors (axis times angle, as of Universal Robots) where A, B, C of a KUKA are "
      "read",
-     "Read them as rotation vectors (--pose-format rotvec).", rotation_vector<true>, true},
-    {"convention", "have angles about x, y and z in the other order: about the axes as they move",
-     "Convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll).", about_moved_axes},
-    {"convention", "have angles in the order z, y, x (A, B, C of a KUKA) where roll comes first",
-     "Write \"rpy\": [C, B, A].", a_b_c},
-    {"convention", "have roll, pitch and yaw where a rotation vector (axis times angle) was meant",
-     "Convert them: \"rpy\": [roll, pitch, yaw], or the quaternion of Rz(yaw) Ry(pitch) Rx(roll).",
+     "read them as rotation vectors (--pose-format rotvec)", rotation_vector<true>, true},
+    {NoticeKind::convention,
+     "have angles about x, y and z in the other order: about the axes as they move",
+     "convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll)", about_moved_axes},
+    {NoticeKind::convention,
+     "have angles in the order z, y, x (A, B, C of a KUKA) where roll comes first",
+     "write \"rpy\": [C, B, A]", a_b_c},
+    {NoticeKind::convention,
+     "have roll, pitch and yaw where a rotation vector (axis times angle) was meant",
+     "convert them: \"rpy\": [roll, pitch, yaw], or the quaternion of Rz(yaw) Ry(pitch) Rx(roll)",
      roll_pitch_yaw, true},
-    {"convention",
+    {NoticeKind::convention,
      "have their rotations the wrong way round (w of the quaternion, or the angles, with the other "
      "sign; or a transposed matrix), but not their positions",
-     "Change the sign of w: a rotation turns vectors of the flange into the base's.",
+     "change the sign of w: a rotation turns vectors of the flange into the base's",
      [](Pose pose) {
        pose.rotation.transposeInPlace();
        return pose;
      }},
-    {"convention",
+    {NoticeKind::convention,
      "are those of a left-handed frame (one axis points the other way, or two are exchanged), or "
      "all pictures are mirrored: the data are the same",
-     "Take pictures as the camera gives them; or mirror the poses: where y has the other sign, y, "
-     "roll and yaw change theirs.",
+     "take pictures as the camera gives them; or mirror the poses: where y has the other sign, y, "
+     "roll and yaw change theirs",
      left_handed},
-    {"convention", "have x of their positions with the wrong sign", "Change it.", other_sign<0>},
-    {"convention", "have y of their positions with the wrong sign", "Change it.", other_sign<1>},
-    {"convention", "have z of their positions with the wrong sign", "Change it.", other_sign<2>},
-    {"convention", "have x and y of their positions exchanged", "Write \"xyz\": [x, y, z].",
-     exchanged_axes<0, 1>},
-    {"convention", "have y and z of their positions exchanged", "Write \"xyz\": [x, y, z].",
-     exchanged_axes<1, 2>},
-    {"convention", "have x and z of their positions exchanged", "Write \"xyz\": [x, y, z].",
-     exchanged_axes<0, 2>}};
+    {NoticeKind::convention, "have x of their positions with the wrong sign", "change it",
+     other_sign<0>},
+    {NoticeKind::convention, "have y of their positions with the wrong sign", "change it",
+     other_sign<1>},
+    {NoticeKind::convention, "have z of their positions with the wrong sign", "change it",
+     other_sign<2>},
+    {NoticeKind::convention, "have x and y of their positions exchanged",
+     "write \"xyz\": [x, y, z]", exchanged_axes<0, 1>},
+    {NoticeKind::convention, "have y and z of their positions exchanged",
+     "write \"xyz\": [x, y, z]", exchanged_axes<1, 2>},
+    {NoticeKind::convention, "have x and z of their positions exchanged",
+     "write \"xyz\": [x, y, z]", exchanged_axes<0, 2>}};
 
 /// Poses whose turns are all as small as those of radians that were read as degrees; those of a
 /// KUKA are read in millimetres too.
@@ -202,10 +210,10 @@ void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, 
                                         "of a KUKA in degrees"
                                       : "angles in radians that were read as degrees") +
                                lengths;
-    add({"convention", vectors.c_str(),
-         "Read them as rotation vectors in radians (--pose-format rotvec).",
+    add({NoticeKind::convention, vectors.c_str(),
+         "read them as rotation vectors in radians (--pose-format rotvec)",
          [=](const Pose& pose) { return radians(pose, a_b_c, true, metres); }});
-    add({"convention", angles.c_str(), "Read them as radians (--pose-format rpy).",
+    add({NoticeKind::convention, angles.c_str(), "read them as radians (--pose-format rpy)",
          [=](const Pose& pose) { return radians(pose, a_b_c, false, metres); }});
   }
 }
@@ -213,31 +221,33 @@ void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, 
 /// Measured poses of a sensor: quaternions with w first, read with w last, and the reverse.
 /// (Those the wrong way round are data of a sensor in its target's place: eye-in-hand.)
 const Mistake kViewMistakes[] = {
-    {"quaternion", "have their quaternions with w first",
-     "Write \"quat\": [x, y, z, w] into its views.", scalar_first},
-    {"quaternion", "have quaternions with w last that were read with w first",
-     "Write \"quat\": [x, y, z, w] into its views, in this order.", scalar_last},
-    {"convention",
+    {NoticeKind::quaternion, "have their quaternions with w first",
+     "write \"quat\": [x, y, z, w] into its views", scalar_first},
+    {NoticeKind::quaternion, "have quaternions with w last that were read with w first",
+     "write \"quat\": [x, y, z, w] into its views, in this order", scalar_last},
+    {NoticeKind::convention,
      "have their rotations the wrong way round (w of the quaternion with the other sign, or a "
      "transposed matrix), but not their positions",
-     "Change the sign of w: a rotation turns vectors of the target into the sensor's.",
+     "change the sign of w: a rotation turns vectors of the target into the sensor's",
      [](Pose pose) {
        pose.rotation.transposeInPlace();
        return pose;
      }},
-    {"mirrored",
+    {NoticeKind::mirrored,
      "are those of a left-handed frame (one axis points the other way, as in Unity or Unreal)",
-     "Mirror them: where y has the other sign, so have y of the position and x and z of the "
-     "quaternion.",
+     "mirror them: where y has the other sign, so have y of the position and x and z of the "
+     "quaternion",
      left_handed},
-    {"convention", "have angles about x, y and z in the other order: about the axes as they move",
-     "Convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll).", about_moved_axes},
-    {"convention", "have angles in the order z, y, x where roll comes first",
-     "Write \"rpy\": [roll, pitch, yaw].", a_b_c},
-    {"convention", "have y and z of their positions exchanged, but not of their rotations",
-     "Write \"xyz\": [x, y, z].", exchanged_axes<1, 2>},
-    {"convention", "have y up in their positions, but not in their rotations",
-     "Write \"xyz\": [x, -z, y], as the rotations are.", [](Pose pose) {
+    {NoticeKind::convention,
+     "have angles about x, y and z in the other order: about the axes as they move",
+     "convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll)", about_moved_axes},
+    {NoticeKind::convention, "have angles in the order z, y, x where roll comes first",
+     "write \"rpy\": [roll, pitch, yaw]", a_b_c},
+    {NoticeKind::convention,
+     "have y and z of their positions exchanged, but not of their rotations",
+     "write \"xyz\": [x, y, z]", exchanged_axes<1, 2>},
+    {NoticeKind::convention, "have y up in their positions, but not in their rotations",
+     "write \"xyz\": [x, -z, y], as the rotations are", [](Pose pose) {
        pose.translation = Vector3d(pose.translation(0), -pose.translation(2), pose.translation(1));
        return pose;
      }}};
@@ -260,8 +270,8 @@ void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis
     if (rig.sensors[s].model->measurement_kind() != MeasurementKind::pose) continue;
     for (const Mistake& mistake : kViewMistakes) {
       Hypothesis h;
-      h.id = mistake.id;
-      h.where = {rig.sensors[s].name};
+      h.kind = mistake.kind;
+      h.where = {Subject::sensor(rig.sensors[s].name)};
       h.mistake =
           "the poses that sensor " + quoted(rig.sensors[s].name) + " measures " + mistake.mistake;
       h.cure = mistake.cure;
@@ -280,8 +290,8 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const
     const std::string& name = rig.tree.joints[j].name;
     const auto add = [&](const Mistake& mistake) {
       Hypothesis h;
-      h.id = mistake.id;
-      h.where = {name};
+      h.kind = mistake.kind;
+      h.where = {Subject::joint(name)};
       h.mistake = "the poses of joint " + quoted(name) + " " + mistake.mistake;
       h.cure = mistake.cure;
       h.new_poses = true;
@@ -302,8 +312,8 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const
       const double metres = unit.metres;
       if (metres * furthest < kNearBase || metres * furthest > kFarFromBase) continue;
       const std::string mistake = std::string("are in ") + unit.name,
-                        cure = std::string("Write metres: ") + unit.cure + " what \"xyz\" says.";
-      add({"units", mistake.c_str(), cure.c_str(), [metres](Pose pose) {
+                        cure = std::string("write metres: ") + unit.cure + " what \"xyz\" says";
+      add({NoticeKind::units, mistake.c_str(), cure.c_str(), [metres](Pose pose) {
              pose.translation *= metres;
              return pose;
            }});

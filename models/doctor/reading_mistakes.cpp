@@ -44,14 +44,14 @@ void add_zeros(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     for (const double turn : {kPi / 2, -kPi / 2, kPi}) {
       const std::string more = turn > 3 ? "pi" : turn > 0 ? "pi/2" : "-pi/2";
       Hypothesis h;
-      h.id = "home-position";
-      h.where = {rig.tree.joints[j].name};
+      h.kind = NoticeKind::home_position;
+      h.where = {Subject::joint(rig.tree.joints[j].name)};
       h.mistake = "the readings of joint " + name + " do not count from the URDF's zero: " + more +
                   " has to be added to them";
-      h.cure = "Add " + more +
+      h.cure = "add " + more +
                " to its readings, or turn its <origin> in the URDF by as much about "
                "its axis (or joints." +
-               rig.tree.joints[j].name + ".offset: " + text("%.5f", turn) + " in the rig).";
+               rig.tree.joints[j].name + ".offset: " + text("%.5f", turn) + " in the rig)";
       h.undo = [j, turn](Rig& r, std::vector<Sample>& s) {
         change_readings(r, s, j, [turn](double q) { return q + turn; });
       };
@@ -71,11 +71,11 @@ void add_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out
         if (std::abs(other.dot(joint.axis)) > 0.1) continue;
         const std::string xyz = text("%g %g %g", other(0) + 0, other(1) + 0, other(2) + 0);
         Hypothesis h;
-        h.id = "joint-axis";
-        h.where = {joint.name};
+        h.kind = NoticeKind::joint_axis;
+        h.where = {Subject::joint(joint.name)};
         h.mistake = "joint " + quoted(joint.name) + " turns about another axis than the URDF says";
-        h.cure = "Write <axis xyz=\"" + xyz +
-                 "\"/>, in the joint's own frame (or turn its <origin>, and the next one's back).";
+        h.cure = "write <axis xyz=\"" + xyz +
+                 "\"/>, in the joint's own frame (or turn its <origin>, and the next one's back)";
         h.undo = [j = range.first, other](Rig& r, std::vector<Sample>&) {
           r.tree.joints[j].axis = other;
         };
@@ -109,11 +109,11 @@ void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples, co
           !have_both(samples, a, b))
         continue;
       Hypothesis h;
-      h.id = "exchanged-joints";
-      h.where = {tree.joints[a].name, tree.joints[b].name};
-      h.mistake = "the readings of joints " + quoted(h.where[0]) + " and " + quoted(h.where[1]) +
-                  " are exchanged";
-      h.cure = "Exchange the two names in the samples: the log lists joints in another order.";
+      h.kind = NoticeKind::exchanged_joints;
+      h.where = {Subject::joint(tree.joints[a].name), Subject::joint(tree.joints[b].name)};
+      h.mistake = "the readings of joints " + quoted(h.where[0].name) + " and " +
+                  quoted(h.where[1].name) + " are exchanged";
+      h.cure = "exchange the two names in the samples: the log lists joints in another order";
       h.undo = [a, b](Rig&, std::vector<Sample>& s) { exchange(s, {{a, b}}); };
       out.push_back(std::move(h));
     }
@@ -146,12 +146,12 @@ void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples, const 
   for (size_t i = 0; i < orders.size(); ++i) {
     if (orders[i].from == orders[i].to || (i == 2 && by_name == reversed)) continue;
     Hypothesis h;
-    h.id = "exchanged-joints";
-    for (const int j : along) h.where.push_back(rig.tree.joints[j].name);
-    h.mistake = "the readings of joints " + joined(h.where) + " " + orders[i].mistake;
+    h.kind = NoticeKind::exchanged_joints;
+    for (const int j : along) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
+    h.mistake = "the readings of joints " + joined(names_of(h.where)) + " " + orders[i].mistake;
     h.cure =
-        "Give each joint the number that stands beside its name: what /joint_states lists is often "
-        "in alphabetical order.";
+        "give each joint the number that stands beside its name: what /joint_states lists is often "
+        "in alphabetical order";
     h.undo = [from = orders[i].from, to = orders[i].to](Rig&, std::vector<Sample>& all) {
       for (Sample& s : all) {
         const std::vector<double> given = s.readings;
@@ -189,15 +189,15 @@ void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples, cons
     if (b <= a || !survey.ranges.count(b)) continue;
     // (A sample that has one arm only gets the other's readings.)
     pairs.push_back({a, b});
-    h.where.insert(h.where.end(), {rig.tree.joints[a].name, other});
+    h.where.insert(h.where.end(), {Subject::joint(rig.tree.joints[a].name), Subject::joint(other)});
   }
   if (pairs.size() < 2) return;
   if (!std::all_of(pairs.begin(), pairs.end(),
                    [&](const auto& p) { return have_both(samples, p.first, p.second); }))
     return;
-  h.id = "exchanged-joints";
+  h.kind = NoticeKind::exchanged_joints;
   h.mistake = "the readings of the left and the right arm are exchanged";
-  h.cure = "Exchange left and right in the samples: in the joints' names, or in the views.";
+  h.cure = "exchange left and right in the samples: in the joints' names, or in the views";
   h.undo = [pairs](Rig&, std::vector<Sample>& s) { exchange(s, pairs); };
   out.push_back(std::move(h));
 }
@@ -214,10 +214,11 @@ void add_exchanged_targets(const Rig& rig, const Survey& survey, std::vector<Hyp
               immobile_body(rig.tree, rig.targets[b].link))
         continue;
       Hypothesis h;
-      h.id = "exchanged-targets";
-      h.where = {rig.targets[a].name, rig.targets[b].name};
-      h.mistake = "targets " + quoted(h.where[0]) + " and " + quoted(h.where[1]) + " are exchanged";
-      h.cure = "Exchange the two names, in the rig or in the views.";
+      h.kind = NoticeKind::exchanged_targets;
+      h.where = {Subject::target(rig.targets[a].name), Subject::target(rig.targets[b].name)};
+      h.mistake = "targets " + quoted(h.where[0].name) + " and " + quoted(h.where[1].name) +
+                  " are exchanged";
+      h.cure = "exchange the two names, in the rig or in the views";
       h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
         for (Sample& s : samples)
           for (View& v : s.views)
@@ -242,13 +243,13 @@ void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples, con
       const std::string of = quoted(tree.joints[a].name), name = quoted(tree.joints[b].name),
                         given = sign > 0 ? "sum" : "difference";
       Hypothesis h;
-      h.id = "absolute-angle";
-      h.where = {tree.joints[b].name, tree.joints[a].name};
+      h.kind = NoticeKind::absolute_angle;
+      h.where = {Subject::joint(tree.joints[b].name), Subject::joint(tree.joints[a].name)};
       h.mistake = "the readings of joint " + name + " are not its own angle but its " + given +
                   (sign > 0 ? " with" : " to") + " that of " + of +
                   ", as of an arm whose motors turn its links against the base";
-      h.cure = std::string(sign > 0 ? "Subtract" : "Add") + " the reading of " + of +
-               (sign > 0 ? " from" : " to") + " that of " + name + " in every sample.";
+      h.cure = std::string(sign > 0 ? "subtract" : "add") + " the reading of " + of +
+               (sign > 0 ? " from" : " to") + " that of " + name + " in every sample";
       h.undo = [a, b, sign](Rig&, std::vector<Sample>& all) {
         for (Sample& s : all) s.readings[b] -= sign * s.readings[a];
       };
@@ -266,11 +267,11 @@ bool is_above(const Tree& tree, int above, int joint) {
 
 Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
   Hypothesis h;
-  h.id = "joint-sign";
-  for (int j : joints) h.where.push_back(rig.tree.joints[j].name);
-  h.mistake = "joints " + joined(h.where) +
+  h.kind = NoticeKind::joint_sign;
+  for (int j : joints) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
+  h.mistake = "joints " + joined(names_of(h.where)) +
               " turn the other way: their readings, or their axes in the URDF, have the wrong sign";
-  h.cure = "Change the signs of their readings, or of their <axis> in the URDF.";
+  h.cure = "change the signs of their readings, or of their <axis> in the URDF";
   h.undo = [joints](Rig& r, std::vector<Sample>& s) {
     for (int j : joints) change_readings(r, s, j, [](double q) { return -q; });
   };
@@ -313,15 +314,15 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
     if (scale < 0 || freed.parameter[scale] || range.second.second - range.second.first < 0.1)
       continue;
     Hypothesis h;
-    h.id = "gear";
-    h.where = {rig.tree.joints[j].name};
+    h.kind = NoticeKind::gear;
+    h.where = {Subject::joint(rig.tree.joints[j].name)};
     h.free = {table.all[scale].name};
     h.proves = true;
     h.undo = [](Rig&, std::vector<Sample>&) {};
     const std::string lengths = rig.tree.joints[j].type == JointType::prismatic
                                     ? sensors_of_lengths(rig, survey)
                                     : std::string();
-    h.told = [given = rig.joints[j].scale, joint = h.where[0], name = h.free[0],
+    h.told = [given = rig.joints[j].scale, joint = h.where[0].name, name = h.free[0],
               lengths](const std::vector<double>& found) {
       const double times = found[0] / given;
       const std::string mistake =
@@ -333,12 +334,12 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
       const bool is_gear = times > 0.3 && times < 3 && std::abs(times - 1) > 0.003;
       return std::pair(
           is_gear ? mistake : "",
-          (lengths.empty() ? std::string("Correct it")
-                           : "Or what measures lengths (" + lengths +
+          (lengths.empty() ? std::string("correct it")
+                           : "or what measures lengths (" + lengths +
                                  ") has a wrong scale, which looks the same: measure a known "
                                  "distance with both first. If it is the joint, correct it") +
               " where readings are made (or state joints." + joint +
-              text(".scale: %.5g", found[0]) + " in the rig, or free " + name + ").");
+              text(".scale: %.5g", found[0]) + " in the rig, or free " + name + ")");
     };
     out.push_back(std::move(h));
   }
@@ -377,10 +378,10 @@ void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothes
     if (!(most > reach)) continue;
     for (const LengthUnit& unit : other_length_units()) {
       Hypothesis h;
-      h.id = "units";
-      h.where = {joint.name};
+      h.kind = NoticeKind::units;
+      h.where = {Subject::joint(joint.name)};
       h.mistake = "the readings of sliding joint " + quoted(joint.name) + " are " + unit.name;
-      h.cure = std::string("Write metres: ") + unit.cure + ".";
+      h.cure = std::string("write metres: ") + unit.cure;
       h.undo = [j = range.first, factor = unit.metres](Rig& r, std::vector<Sample>& s) {
         change_readings(r, s, j, [factor](double q) { return q * factor; });
       };
@@ -400,15 +401,15 @@ void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothes
   for (const std::vector<int>& group : groups)
     for (const LengthUnit& unit : other_length_units()) {
       Hypothesis h;
-      h.id = "units";
-      for (int j : group) h.where.push_back(rig.tree.joints[j].name);
+      h.kind = NoticeKind::units;
+      for (int j : group) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
       const bool one = group.size() == 1;
       const double length = rig.tree.joints[group[0]].parent_T_joint.translation.norm();
       h.mistake = std::string(one ? "the <origin> of joint " : "the <origin>s of joints ") +
-                  joined(h.where) + (one ? " is" : " are") + " given in " + unit.name +
+                  joined(names_of(h.where)) + (one ? " is" : " are") + " given in " + unit.name +
                   " in the URDF" + (one ? text(" (%.4g)", length) : "");
-      h.cure = std::string("Write metres into the URDF: ") + unit.cure +
-               (one ? text(" (%.4g).", length * unit.metres) : ".");
+      h.cure = std::string("write metres into the URDF: ") + unit.cure +
+               (one ? text(" (%.4g)", length * unit.metres) : "");
       h.undo = [group, factor = unit.metres](Rig& r, std::vector<Sample>&) {
         for (int j : group) r.tree.joints[j].parent_T_joint.translation *= factor;
       };

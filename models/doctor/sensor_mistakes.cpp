@@ -35,12 +35,12 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
         const int size = axis == 0 ? sensor.image_width : sensor.image_height;
         const double sum = size > 0 ? size - 1 : 2 * k[2 + axis];
         Hypothesis h;
-        h.id = "mirrored";
-        h.where = {sensor.name};
+        h.kind = NoticeKind::mirrored;
+        h.where = {Subject::sensor(sensor.name)};
         h.mistake = "the images of camera " + quoted(sensor.name) + " are mirrored " +
                     (axis == 0 ? "left to right" : "top to bottom");
-        h.cure = std::string("Detect in the image as the camera gave it, or replace ") +
-                 (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views.";
+        h.cure = std::string("detect in the image as the camera gave it, or replace ") +
+                 (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views";
         h.undo = [s, axis, sum](Rig&, std::vector<Sample>& samples) {
           for (Sample& sample : samples)
             for (View& v : sample.views)
@@ -57,7 +57,7 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
         Hypothesis h = mirrored_points(
             "the points that sensor " + quoted(sensor.name) + " measures are mirrored", axis,
             "sensor", "its views");
-        h.where = {sensor.name};
+        h.where = {Subject::sensor(sensor.name)};
         h.undo = [s, axis, measures_something](Rig&, std::vector<Sample>& samples) {
           for (Sample& sample : samples)
             for (View& v : sample.views)
@@ -77,11 +77,11 @@ void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     if (!pose && sensor.model->measurement_kind() != MeasurementKind::points) continue;
     for (const LengthUnit& unit : other_length_units()) {
       Hypothesis h;
-      h.id = "square";
-      h.where = {sensor.name};
+      h.kind = NoticeKind::square;
+      h.where = {Subject::sensor(sensor.name)};
       h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " +
                   quoted(sensor.name) + " measures are in " + unit.name;
-      h.cure = std::string("Write metres into its views: ") + unit.cure + ".";
+      h.cure = std::string("write metres into its views: ") + unit.cure;
       h.new_poses = true;
       h.shrinks = unit.metres;
       h.undo = [s, pose, factor = unit.metres](Rig&, std::vector<Sample>& samples) {
@@ -100,14 +100,14 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
     Hypothesis h;
-    h.id = "inverted-pose";
-    h.where = {sensor.name};
+    h.kind = NoticeKind::inverted_pose;
+    h.where = {Subject::sensor(sensor.name)};
     h.mistake = "the pose of sensor " + quoted(sensor.name) +
                 " is given the wrong way round, as sensor_T_link";
-    h.cure = "Replace sensors." + sensor.name +
+    h.cure = "replace sensors." + sensor.name +
              ".pose by its inverse: it maps coordinates of the sensor" +
              (sensor.model->measurement_kind() == MeasurementKind::chain ? "'s target" : "") +
-             " to the link's.";
+             " to the link's";
     h.undo = [s](Rig& r, std::vector<Sample>&) {
       r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor);
     };
@@ -118,12 +118,12 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6)
       continue;
     Hypothesis h;
-    h.id = "inverted-pose";
-    h.where = {target.name};
+    h.kind = NoticeKind::inverted_pose;
+    h.where = {Subject::target(target.name)};
     h.mistake = "the pose of target " + quoted(target.name) +
                 " is given the wrong way round, as target_T_link";
-    h.cure = "Replace targets." + target.name +
-             ".mount.pose by its inverse: it maps coordinates of the target to the link's.";
+    h.cure = "replace targets." + target.name +
+             ".mount.pose by its inverse: it maps coordinates of the target to the link's";
     h.undo = [t](Rig& r, std::vector<Sample>&) {
       r.targets[t].link_T_target = inverse(r.targets[t].link_T_target);
     };
@@ -132,22 +132,23 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
 }
 
 void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  const auto add = [&](const std::string& kind, const std::string& name, const std::string& place,
+  const auto add = [&](const std::string& kind, const Subject& what, const std::string& place,
                        const Matrix3d& given, auto undo) {
     if (is_cube_turn(given)) return;  // named as a turn: turned_poses.h
     Hypothesis h;
-    h.id = "quaternion";
-    h.where = {name};
-    h.mistake = "the pose of " + kind + " " + quoted(name) + " has its quaternion written w x y z";
-    h.cure = "Write " + place + ".quat as [x, y, z, w].";
+    h.kind = NoticeKind::quaternion;
+    h.where = {what};
+    h.mistake =
+        "the pose of " + kind + " " + quoted(what.name) + " has its quaternion written w x y z";
+    h.cure = "write " + place + ".quat as [x, y, z, w]";
     h.undo = undo;
     out.push_back(std::move(h));
   };
   for (int s : survey.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (sensor.pose_given)
-      add("sensor", sensor.name, "sensors." + sensor.name + ".pose", sensor.link_T_sensor.rotation,
-          [s](Rig& r, std::vector<Sample>&) {
+      add("sensor", Subject::sensor(sensor.name), "sensors." + sensor.name + ".pose",
+          sensor.link_T_sensor.rotation, [s](Rig& r, std::vector<Sample>&) {
             Matrix3d& turn = r.sensors[s].link_T_sensor.rotation;
             turn = of_w_x_y_z(turn);
           });
@@ -155,7 +156,7 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
   for (int t : survey.targets) {
     const Target& target = rig.targets[t];
     if (target.link >= 0 && target.pose_given)
-      add("target", target.name, "targets." + target.name + ".mount.pose",
+      add("target", Subject::target(target.name), "targets." + target.name + ".mount.pose",
           target.link_T_target.rotation, [t](Rig& r, std::vector<Sample>&) {
             Matrix3d& turn = r.targets[t].link_T_target.rotation;
             turn = of_w_x_y_z(turn);
@@ -174,8 +175,8 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
       if (target.link == sensor.link) continue;
       for (bool poses : {false, true}) {
         Hypothesis h;
-        h.id = "eye-in-hand";
-        h.where = {sensor.name, target.name};
+        h.kind = NoticeKind::eye_in_hand;
+        h.where = {Subject::sensor(sensor.name), Subject::target(target.name)};
         h.mistake = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
                     " are on the wrong sides: the sensor sits on link " +
                     quoted(rig.tree.links[target.link]) + " and the target on " +
@@ -185,11 +186,11 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
               ", or its poses are the wrong way round, as those of the sensor in the target: the "
               "data are the same";
         h.cure =
-            "Exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" +
-            (poses ? ", poses too." : ".") +
+            "exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" +
+            (poses ? ", poses too" : "") +
             (sensor.model->measurement_kind() == MeasurementKind::pose
-                 ? " Or invert what it measures: sensor_T_target maps coordinates of the target "
-                   "to the sensor's."
+                 ? ". Or invert what it measures: sensor_T_target maps coordinates of the target "
+                   "to the sensor's"
                  : "");
         h.undo = [s, t, poses](Rig& r, std::vector<Sample>&) {
           std::swap(r.sensors[s].link, r.targets[t].link);
@@ -207,12 +208,12 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
         continue;
       const int c = other.first;
       Hypothesis h;
-      h.id = "eye-in-hand";
-      h.where = {sensor.name, rig.sensors[c].name};
+      h.kind = NoticeKind::eye_in_hand;
+      h.where = {Subject::sensor(sensor.name), Subject::sensor(rig.sensors[c].name)};
       h.mistake = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) +
                   " are on the wrong sides";
-      h.cure = "Exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name +
-               ".link, poses too.";
+      h.cure = "exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name +
+               ".link, poses too";
       h.undo = [s, c](Rig& r, std::vector<Sample>&) {
         std::swap(r.sensors[s].link, r.sensors[c].link);
         std::swap(r.sensors[s].link_T_sensor, r.sensors[c].link_T_sensor);
@@ -240,8 +241,8 @@ void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& su
     const int parameter = table.index_of(ParameterKind::baseline, s);
     if (baseline == 0 || parameter < 0 || freed.parameter[parameter]) continue;
     Hypothesis h;
-    h.id = "baseline";
-    h.where = {sensor.name};
+    h.kind = NoticeKind::baseline;
+    h.where = {Subject::sensor(sensor.name)};
     h.undo = [](Rig&, std::vector<Sample>&) {};
     if (baseline > 0) {
       h.free = {table.all[parameter].name};
@@ -253,15 +254,15 @@ void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& su
                  found[0], times);
         const bool sane = times > 1e-4 && times < 1e4 && std::abs(times - 1) > 0.01;
         return std::pair(sane ? mistake : "",
-                         "Correct sensors." + camera +
+                         "correct sensors." + camera +
                              ".baseline: metres, from the left camera to the right one (or free "
                              "sensor/" +
-                             camera + "/baseline).");
+                             camera + "/baseline)");
       };
     } else {
       h.mistake = "the baseline of camera " + quoted(sensor.name) + " has the wrong sign" +
                   text(" (%.4g m)", baseline);
-      h.cure = "Write it without its minus sign: the right camera's is positive, the left one's 0.";
+      h.cure = "write it without its minus sign: the right camera's is positive, the left one's 0";
       h.undo = [s](Rig& r, std::vector<Sample>&) {
         for (ParameterBlock& block : r.sensors[s].parameters)
           if (block.name == "baseline") block.values[0] = -block.values[0];
@@ -278,11 +279,11 @@ void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>
       // (A negative baseline looks the same, and is that.)
       if (std::min(baseline_of(rig.sensors[a]), baseline_of(rig.sensors[b])) < 0) continue;
       Hypothesis h;
-      h.id = "swapped-cameras";
-      h.where = {rig.sensors[a].name, rig.sensors[b].name};
+      h.kind = NoticeKind::swapped_cameras;
+      h.where = {Subject::sensor(rig.sensors[a].name), Subject::sensor(rig.sensors[b].name)};
       h.mistake = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) +
                   " are exchanged";
-      h.cure = "Exchange the two names, in the rig or in the views.";
+      h.cure = "exchange the two names, in the rig or in the views";
       h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
         for (Sample& s : samples)
           for (View& v : s.views)
@@ -318,11 +319,11 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
   }
   for (const auto& group : groups) {
     Hypothesis h;
-    h.id = "rectified";
+    h.kind = NoticeKind::rectified;
     h.estimated = !group.first;  // a lens that the rig leaves open
     std::string names;
     for (int s : group.second) {
-      h.where.push_back(rig.sensors[s].name);
+      h.where.push_back(Subject::sensor(rig.sensors[s].name));
       names += (names.empty() ? "" : ", ") + quoted(rig.sensors[s].name);
       if (!group.first) h.free.push_back("sensor/" + rig.sensors[s].name + "/distortion");
     }
@@ -330,20 +331,20 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
       h.mistake =
           "the rig corrects the lens of camera " + names + ", but the images are rectified already";
       h.cure =
-          "Take model: pinhole without distortion (and the intrinsics of the rectified image), or "
-          "detect in the raw images.";
+          "take model: pinhole without distortion (and the intrinsics of the rectified image), or "
+          "detect in the raw images";
     } else if (std::all_of(group.second.begin(), group.second.end(), [&](int s) {
                  return find_block(rig.sensors[s], ParameterKind::distortion) != nullptr;
                })) {
       h.mistake = "the lens of camera " + names + " distorts, but its distortion is 0 in the rig";
-      h.cure = "Free " + listed(h.free) +
+      h.cure = "free " + listed(h.free) +
                " (calibrate does where the rig has no estimate), write the lens into the rig, or "
-               "detect in rectified images.";
+               "detect in rectified images";
     } else {
       h.mistake = "the images of camera " + names + " are raw, but the rig gives no distortion";
       h.cure =
-          "Take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free "
-          "it, or detect in rectified images.";
+          "take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free "
+          "it, or detect in rectified images";
     }
     h.undo = [group](Rig& r, std::vector<Sample>&) {
       for (int s : group.second) {
@@ -387,10 +388,10 @@ void add_ranges(const Rig& rig, const std::vector<Sample>& samples, int sensor,
     if (most < kFarRange || unit.metres * most > kFarRange || unit.metres * most < kNearRange)
       continue;
     Hypothesis h;
-    h.id = "units";
-    h.where = {rig.sensors[sensor].name};
-    h.mistake = "the ranges of sensor " + quoted(h.where[0]) + " are in " + unit.name;
-    h.cure = std::string("Write metres into its rays: ") + unit.cure + ".";
+    h.kind = NoticeKind::units;
+    h.where = {Subject::sensor(rig.sensors[sensor].name)};
+    h.mistake = "the ranges of sensor " + quoted(h.where[0].name) + " are in " + unit.name;
+    h.cure = std::string("write metres into its rays: ") + unit.cure;
     h.new_poses = true;
     h.undo = each_ray(sensor, [factor = unit.metres](double* ray) { ray[2] *= factor; });
     out.push_back(std::move(h));
@@ -406,11 +407,11 @@ void add_ray_orders(const Rig& rig, int sensor, std::vector<Hypothesis>& out) {
     std::array<const char*, 3> given{};
     for (int k = 0; k < 3; ++k) given[at[k]] = kNumbers[k];
     Hypothesis h;
-    h.id = "convention";
-    h.where = {rig.sensors[sensor].name};
-    h.mistake = "the rays of sensor " + quoted(h.where[0]) + " have their numbers in the order " +
-                given[0] + ", " + given[1] + ", " + given[2];
-    h.cure = "Write [reading of the joint, bearing, range].";
+    h.kind = NoticeKind::convention;
+    h.where = {Subject::sensor(rig.sensors[sensor].name)};
+    h.mistake = "the rays of sensor " + quoted(h.where[0].name) +
+                " have their numbers in the order " + given[0] + ", " + given[1] + ", " + given[2];
+    h.cure = "write [reading of the joint, bearing, range]";
     h.new_poses = true;
     h.undo = each_ray(sensor, [at](double* ray) {
       const std::array<double, 3> old = {ray[0], ray[1], ray[2]};
@@ -441,17 +442,17 @@ void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Surv
       };
     };
     Hypothesis h;
-    h.where = {sensor.name};
+    h.where = {Subject::sensor(sensor.name)};
     if (most > kPi + 0.1) {
-      h.id = "degrees";
+      h.kind = NoticeKind::degrees;
       h.mistake = "the bearings of sensor " + quoted(sensor.name) + " are degrees";
-      h.cure = "Write radians: multiply them by pi / 180.";
+      h.cure = "write radians: multiply them by pi / 180";
       h.undo = bearings(kPi / 180);
     } else {
-      h.id = "mirrored";
+      h.kind = NoticeKind::mirrored;
       h.mistake = "the rays of sensor " + quoted(sensor.name) +
                   " are mirrored: their bearings have the wrong sign";
-      h.cure = "Change the sign of its bearings: they count from x towards y.";
+      h.cure = "change the sign of its bearings: they count from x towards y";
       h.undo = bearings(-1);
     }
     out.push_back(h);
@@ -549,21 +550,21 @@ void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
           !readings_move_between(rig, samples, seat, link))
         continue;
       Hypothesis h;
-      h.id = "wrong-link";
+      h.kind = NoticeKind::wrong_link;
       h.many = true;
-      for (int s : seat.sensors) h.where.push_back(rig.sensors[s].name);
-      if (seat.target >= 0) h.where.push_back(rig.targets[seat.target].name);
+      for (int s : seat.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
+      if (seat.target >= 0) h.where.push_back(Subject::target(rig.targets[seat.target].name));
       const std::string& name = rig.tree.links[link];
       h.mistake = std::string(seat.target >= 0     ? "target "
                               : h.where.size() > 1 ? "sensors "
                                                    : "sensor ") +
-                  joined(h.where) + (h.where.size() > 1 ? " sit" : " sits") + " on link " +
-                  quoted(name) + " (or what is fixed to it), not on " +
+                  joined(names_of(h.where)) + (h.where.size() > 1 ? " sit" : " sits") +
+                  " on link " + quoted(name) + " (or what is fixed to it), not on " +
                   quoted(rig.tree.links[seat.link]);
-      h.cure = "Correct " +
-               (seat.target >= 0 ? "targets." + h.where[0] + ".mount.link"
-                                 : "sensors." + h.where[0] + ".link") +
-               ", and its pose, which counts from there.";
+      h.cure = "correct " +
+               (seat.target >= 0 ? "targets." + h.where[0].name + ".mount.link"
+                                 : "sensors." + h.where[0].name + ".link") +
+               ", and its pose, which counts from there";
       h.new_poses = true;
       h.undo = [seat, link](Rig& r, std::vector<Sample>&) {
         for (int s : seat.sensors) r.sensors[s].link = link;

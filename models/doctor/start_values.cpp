@@ -13,9 +13,9 @@ namespace {
 /// A pose that the rig gives, and the one that it may have been meant to be.
 struct Suspicion {
   int parameter;
-  std::string name;  // of the sensor or target
+  Subject what;
   Pose given, other;
-  std::string mistake, cure;  // sentences about the mistake, the first without its full stop
+  std::string mistake, cure;  // clauses without full stop
 };
 
 /// How far two poses are from each other: m, rad.
@@ -41,8 +41,8 @@ TrialFit fit_held_at(const Recording& recording, const TrialContext& context, in
 }
 
 /// The finding, if the estimate left the given pose behind for the other one and chi2 agrees.
-std::optional<Finding> check(const Recording& recording, const TrialContext& context,
-                             const TrialFit& now, const Suspicion& suspicion) {
+std::optional<Notice> check(const Recording& recording, const TrialContext& context,
+                            const TrialFit& now, const Suspicion& suspicion) {
   const Pose estimate = get_pose(now.values.shared, recording.table.all[suspicion.parameter].start);
   const auto far = distance(suspicion.given, estimate), near = distance(suspicion.other, estimate);
   if (far.first < 0.05 && far.second < 0.7) return std::nullopt;
@@ -54,26 +54,25 @@ std::optional<Finding> check(const Recording& recording, const TrialContext& con
   if (!corrected.complete() ||
       (as_given.complete() && as_given.cost < Thresholds::decisive * corrected.cost))
     return std::nullopt;
-  Finding finding;
-  finding.id = "inverted-pose";
-  finding.where = {suspicion.name};
+  Notice finding = make_notice(
+      NoticeKind::inverted_pose, {suspicion.what},
+      suspicion.mistake +
+          text(": the estimate is %.3g m and %.3g degrees from the given pose", far.first,
+               far.second * 180 / kPi) +
+          text(", but only %.3g m and %.3g degrees from this", near.first, near.second * 180 / kPi),
+      "with the pose held, chi2 is " +
+          (as_given.complete() ? text("%.6g as given", as_given.chi2) : "undefined as given") +
+          text(" and %.6g so", corrected.chi2),
+      suspicion.cure);
   if (as_given.complete()) finding.chi2_as_is = as_given.chi2;
   finding.chi2_corrected = corrected.chi2;
-  finding.text =
-      suspicion.mistake +
-      text(": the estimate is %.3g m and %.3g degrees from the given pose", far.first,
-           far.second * 180 / kPi) +
-      text(", but only %.3g m and %.3g degrees from this. ", near.first, near.second * 180 / kPi) +
-      "With the pose held, chi2 is " +
-      (as_given.complete() ? text("%.6g as given", as_given.chi2) : "undefined as given") +
-      text(" and %.6g so. ", corrected.chi2) + suspicion.cure;
   return finding;
 }
 
 }  // namespace
 
 void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now,
-                  std::vector<Finding>& out) {
+                  std::vector<Notice>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const FreedNames freed = freed_names(table, context.all);
@@ -83,25 +82,27 @@ void check_starts(const Recording& recording, const TrialContext& context, const
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
     suspicions.push_back(
-        {table.sensor_pose[s], sensor.name, sensor.link_T_sensor, inverse(sensor.link_T_sensor),
-         "The pose of sensor " + quoted(sensor.name) +
+        {table.sensor_pose[s], Subject::sensor(sensor.name), sensor.link_T_sensor,
+         inverse(sensor.link_T_sensor),
+         "the pose of sensor " + quoted(sensor.name) +
              " is given the wrong way round, as sensor_T_link",
-         "Replace sensors." + sensor.name +
-             ".pose by its inverse: it maps coordinates of the sensor to the link's."});
+         "replace sensors." + sensor.name +
+             ".pose by its inverse: it maps coordinates of the sensor to the link's"});
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Target& target = rig.targets[t];
     if (target.link < 0 || !target.pose_given) continue;
     suspicions.push_back(
-        {table.target_pose[t], target.name, target.link_T_target, inverse(target.link_T_target),
-         "The pose of target " + quoted(target.name) +
+        {table.target_pose[t], Subject::target(target.name), target.link_T_target,
+         inverse(target.link_T_target),
+         "the pose of target " + quoted(target.name) +
              " is given the wrong way round, as target_T_link",
-         "Replace targets." + target.name +
-             ".mount.pose by its inverse: it maps coordinates of the target to the link's."});
+         "replace targets." + target.name +
+             ".mount.pose by its inverse: it maps coordinates of the target to the link's"});
   }
   for (const Suspicion& suspicion : suspicions)
     if (freed.parameter[suspicion.parameter])
-      if (std::optional<Finding> finding = check(recording, context, now, suspicion))
+      if (std::optional<Notice> finding = check(recording, context, now, suspicion))
         out.push_back(std::move(*finding));
 }
 

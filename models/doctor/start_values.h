@@ -5,14 +5,14 @@
 #include <string>
 #include <vector>
 
-#include "finding.h"
+#include "../notices/notice.h"
 #include "trial_fits.h"
 
 namespace kincal {
 
 /// Appends poses that the estimate left behind, but whose inverse is where the estimate ended.
 void check_starts(const Recording& recording, const TrialContext& context, const TrialFit& now,
-                  std::vector<Finding>& out);
+                  std::vector<Notice>& out);
 
 /// Returns a sentence about how much noise of the joint readings would explain what is left; it is
 /// empty if none does.

@@ -157,15 +157,14 @@ Stage with_usual_errors(const Recording& recording, Stage stage) {
 
 }  // namespace
 
-std::optional<Finding> wrong_sigmas(const Recording& recording, const TrialContext& context,
-                                    const TrialFit& now) {
+std::optional<Notice> wrong_sigmas(const Recording& recording, const TrialContext& context,
+                                   const TrialFit& now) {
   if ((context.noise != NoiseMode::latent && context.noise != NoiseMode::none) ||
       context.all.loss.kind != LossKind::none || !now.complete())
     return std::nullopt;
   const std::optional<NoiseFit> noise = fit_noise(recording, context);
   if (!noise || !(noise->per_dof > 0.8 && noise->per_dof < 1.25)) return std::nullopt;
-  Finding out;
-  out.id = "sigma";
+  Subjects where;
   std::string sizes;
   bool larger = false;
   for (const NoiseLevel& level : noise->levels) {
@@ -174,11 +173,12 @@ std::optional<Finding> wrong_sigmas(const Recording& recording, const TrialConte
     if (above && level.sensor >= 0 && !shows_neighbours(recording, level.sensor))
       return std::nullopt;
     larger = larger || above;
-    out.where.push_back(level.of.substr(level.of.find('/') + 1));
+    where.push_back({level.joint >= 0 ? Subject::Kind::joint : Subject::Kind::sensor,
+                     level.of.substr(level.of.find('/') + 1)});
     sizes += (sizes.empty() ? "" : ", ") + level.of + (level.part.empty() ? "" : " " + level.part) +
              text(" %.3g ", level.seen) + level.unit + text(" (stated %.3g)", level.assumed);
   }
-  if (out.where.empty()) return std::nullopt;
+  if (where.empty()) return std::nullopt;
   if (larger) {
     if (!spread_evenly(recording, context, now)) return std::nullopt;
     const TrialFit freer =
@@ -186,12 +186,13 @@ std::optional<Finding> wrong_sigmas(const Recording& recording, const TrialConte
     const auto excess = [](const TrialFit& f) { return f.chi2 - static_cast<double>(f.dof); };
     if (!freer.complete() || excess(freer) < kOtherwise * excess(now)) return std::nullopt;
   }
+  Notice out = make_notice(
+      NoticeKind::wrong_sigma, std::move(where),
+      "sigmas are not of the size that the data show: " + sizes,
+      text("chi2/dof is %.3g as stated and %.3g with these", now.per_dof(), noise->per_dof),
+      "state these in the rig, or have the noise estimated (`estimate_noise`)");
   out.chi2_as_is = now.chi2;
   out.chi2_corrected = noise->per_dof * static_cast<double>(now.dof);
-  out.text =
-      "Sigmas are not of the size that the data show: " + sizes +
-      text(". chi2/dof is %.3g as stated and %.3g with these. ", now.per_dof(), noise->per_dof) +
-      "State these in the rig, or calibrate with --estimate-noise.";
   return out;
 }
 

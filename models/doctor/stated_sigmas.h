@@ -3,7 +3,7 @@
 
 #include <optional>
 
-#include "finding.h"
+#include "../notices/notice.h"
 #include "trial_fits.h"
 
 namespace kincal {
@@ -12,7 +12,7 @@ namespace kincal {
 /// everything that the steps free. Residuals that are too large count as noise only if they are
 /// spread over all samples, if neighbouring points do not err alike, and if errors of the robot
 /// and the sensors of the usual sizes, which are freed for that, do not explain them.
-std::optional<Finding> wrong_sigmas(const Recording& recording, const TrialContext& context,
-                                    const TrialFit& now);
+std::optional<Notice> wrong_sigmas(const Recording& recording, const TrialContext& context,
+                                   const TrialFit& now);
 
 }  // namespace kincal

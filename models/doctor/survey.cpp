@@ -7,10 +7,10 @@ namespace kincal {
 Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner,
                            const std::string& place) {
   Hypothesis h;
-  h.id = "mirrored";
+  h.kind = NoticeKind::mirrored;
   h.mistake = clause + ": its axes are left-handed, or one has the wrong sign";
-  h.cure = std::string("Change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " +
-           owner + "'s pose accordingly) in " + place + ".";
+  h.cure = std::string("change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " +
+           owner + "'s pose accordingly) in " + place;
   return h;
 }
 

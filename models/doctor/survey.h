@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "../notices/notice.h"
 #include "../rig/configuration.h"
 
 namespace kincal {
@@ -16,10 +17,10 @@ namespace kincal {
 /// A Hypothesis is a mistake that may have been made, as the transformation of rig and samples that
 /// undoes it.
 struct Hypothesis {
-  std::string id;                  // as in formats.md
-  std::vector<std::string> where;  // sensors, targets, joints, samples
-  std::string mistake;             // a main clause about the mistake, without its full stop
-  std::string cure;                // what to change, a sentence
+  NoticeKind kind = NoticeKind::square;
+  Subjects where;
+  std::string mistake;  // a main clause about the mistake, without its full stop
+  std::string cure;     // what to change, a clause without its full stop
   std::function<void(Rig&, std::vector<Sample>&)> undo;
   std::vector<int>
       squares;  // the sizes of these targets are free besides; undo() makes grids of them
@@ -34,7 +35,7 @@ struct Hypothesis {
   /// empty function: `mistake` and `cure` stand as they are.
   std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told;
   bool proves = false;     // believed only if the fit then proves the rig's sigmas
-  bool estimated = false;  // as of a Finding
+  bool estimated = false;  // as of a Notice
   double shrinks = 1;      // by which undo() makes measured lengths smaller, and with them chi2
 };
 

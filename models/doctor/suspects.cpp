@@ -123,22 +123,22 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
     if (seen && !left) return std::nullopt;
   }
   Hypothesis h;
-  h.id = "bad-samples";
+  h.kind = NoticeKind::bad_samples;
   h.leaves_out = true;
-  h.where.assign(bad.begin(), bad.end());
+  h.where = subjects(Subject::Kind::sample, {bad.begin(), bad.end()});
   const bool one = bad.size() == 1;
   if (single_points(recording.samples, bad)) {
-    h.mistake = std::string(one ? "sample " : "samples ") + joined(h.where) +
+    h.mistake = std::string(one ? "sample " : "samples ") + joined(names_of(h.where)) +
                 (one ? " contradicts" : " contradict") +
                 " all others: the measured point is wrong, or the joint readings are of another "
                 "moment";
-    h.cure = one ? "Leave it out (--reject does), or measure it again."
-                 : "Leave them out (--reject does), or measure them again.";
+    h.cure = one ? "leave it out (`reject` does), or measure it again"
+                 : "leave them out (`reject` does), or measure them again";
   } else {
     h.mistake = (one ? "the joint readings of sample " : "the joint readings of samples ") +
-                joined(h.where) + " do not belong to " + (one ? "its" : "their") + " views";
-    h.cure =
-        one ? "Leave it out, or find its readings." : "Leave them out, or find their readings.";
+                joined(names_of(h.where)) + " do not belong to " + (one ? "its" : "their") +
+                " views";
+    h.cure = one ? "leave it out, or find its readings" : "leave them out, or find their readings";
   }
   h.undo = [bad](Rig&, std::vector<Sample>& samples) {
     samples.erase(std::remove_if(samples.begin(), samples.end(),
@@ -248,8 +248,8 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
   const Sensor& sensor = recording.rig.sensors[worst.view->sensor];
   const bool pixels = sensor.model->measurement_kind() == MeasurementKind::rays;
   Hypothesis h;
-  h.id = "outlier-points";
-  h.where = samples;
+  h.kind = NoticeKind::outlier_points;
+  h.where = subjects(Subject::Kind::sample, samples);
   h.leaves_out = true;
   h.mistake = std::to_string(far.size()) + " of " + std::to_string(points) +
               (far.size() == 1 ? " points lies" : " points lie") +
@@ -261,9 +261,9 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
               quoted(sensor.name) + " in sample " + quoted(recording.samples[worst.sample].id) +
               (pixels ? text(": %.3g px", worst.raw) : text(": %.3g sigmas", worst.whitened));
   h.cure =
-      "Leave these points out where they were detected, or let calibrate do it (--reject), or "
+      "leave these points out where they were detected, or let calibrate do it (`reject`), or "
       "give the steps a loss that bears them (loss: {huber: 3}; {cauchy: 3, scale: data} "
-      "where many are far off).";
+      "where many are far off)";
   h.undo = [out](Rig& rig, std::vector<Sample>& all) {
     const auto emptied = [&](const View& v) {
       return v.ids.empty() && !rig.sensors[v.sensor].model->measures_pose();
@@ -309,36 +309,36 @@ void turn_half(const Rig& rig, HalfTurn what, View& view) {
 using TurnedViews = std::set<std::pair<std::string, int>>;  // sample, place of the view
 
 Hypothesis turned_hypothesis(const Recording& recording, HalfTurn what, const TurnedViews& turned) {
-  std::set<std::string> names, where;
+  std::set<std::string> sensors, samples;
   for (const Sample& sample : recording.samples)
     for (size_t v = 0; v < sample.views.size(); ++v)
       if (turned.count({sample.id, static_cast<int>(v)})) {
-        names.insert(recording.rig.sensors[sample.views[v].sensor].name);
-        where.insert(sample.id);
+        sensors.insert(recording.rig.sensors[sample.views[v].sensor].name);
+        samples.insert(sample.id);
       }
   const bool one = turned.size() == 1;
   Hypothesis h;
-  h.id = what == HalfTurn::numbers ? "numbering" : "turned-picture";
-  h.where.assign(names.begin(), names.end());
-  h.where.insert(h.where.end(), where.begin(), where.end());
+  h.kind = what == HalfTurn::numbers ? NoticeKind::numbering : NoticeKind::turned_picture;
+  h.where = subjects(Subject::Kind::sensor, {sensors.begin(), sensors.end()});
+  for (const std::string& sample : samples) h.where.push_back(Subject::sample(sample));
   const std::string count = std::to_string(turned.size()),
-                    of = joined({names.begin(), names.end()}),
-                    which = std::string(": sample") + (where.size() > 1 ? "s " : " ") +
-                            joined({where.begin(), where.end()});
+                    of = joined({sensors.begin(), sensors.end()}),
+                    which = std::string(": sample") + (samples.size() > 1 ? "s " : " ") +
+                            joined({samples.begin(), samples.end()});
   if (what == HalfTurn::numbers) {
     h.mistake = count + (one ? " view of " : " views of ") + of +
                 (one ? " numbers its board" : " number their boards") +
                 " from the opposite corner (half a turn)" + which;
-    h.cure = "Reverse the order of the points in these views.";
+    h.cure = "reverse the order of the points in these views";
   } else {
     h.mistake = count + (one ? " picture of " : " pictures of ") + of + (one ? " is" : " are") +
                 " turned by 180 degrees against the others" + which;
-    h.cure = "Turn " + std::string(one ? "it" : "them") +
+    h.cure = "turn " + std::string(one ? "it" : "them") +
              " back and detect again, or take width - 1 - u and height - 1 - v for u and v there" +
-             (what == HalfTurn::both ? ", and reverse the order of the points." : ".");
+             (what == HalfTurn::both ? ", and reverse the order of the points" : "");
   }
-  h.undo = [turned, what](Rig& rig, std::vector<Sample>& samples) {
-    for (Sample& sample : samples)
+  h.undo = [turned, what](Rig& rig, std::vector<Sample>& all) {
+    for (Sample& sample : all)
       for (size_t v = 0; v < sample.views.size(); ++v)
         if (turned.count({sample.id, static_cast<int>(v)})) turn_half(rig, what, sample.views[v]);
   };

@@ -126,8 +126,8 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& surv
   for (const std::vector<int>& group : groups)
     for (double factor : {1.0, 0.001, 1000.0, 0.01, 100.0}) {
       Hypothesis h;
-      h.id = "square";
-      for (int t : group) h.where.push_back(rig.targets[t].name);
+      h.kind = NoticeKind::square;
+      for (int t : group) h.where.push_back(Subject::target(rig.targets[t].name));
       h.squares = group;
       h.undo = [group, factor](Rig& r, std::vector<Sample>&) {
         for (int t : group) {
@@ -142,27 +142,28 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& surv
 
 void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
   struct Relabeling {
-    const char* id;
+    NoticeKind kind;
     Matrix2d m;
     std::string numbering, cure;
   };
   const std::string renumber =
-      "Number the points of these views from the corner where the rig has point 0: row by row, x "
-      "along the row.";
+      "number the points of these views from the corner where the rig has point 0: row by row, x "
+      "along the row";
   const std::vector<Relabeling> relabelings = {
-      {"numbering", matrix(-1, 0, 0, -1), "from the opposite corner (half a turn)", renumber},
-      {"numbering", matrix(0, -1, 1, 0), "from a neighbouring corner (a quarter turn)", renumber},
-      {"numbering", matrix(0, 1, -1, 0), "from the other neighbouring corner (a quarter turn)",
+      {NoticeKind::numbering, matrix(-1, 0, 0, -1), "from the opposite corner (half a turn)",
        renumber},
-      {"mirrored", matrix(-1, 0, 0, 1), "mirrored: each row backwards",
-       "Reverse the order of the points within each row of these views."},
-      {"mirrored", matrix(1, 0, 0, -1), "mirrored: the last row first",
-       "Reverse the order of the rows of points in these views."}};
-  const auto add = [&](const Relabeling& r, const std::vector<std::string>& where,
-                       const std::string& clause, const std::map<int, std::vector<int>>& places,
-                       int sensor) {
+      {NoticeKind::numbering, matrix(0, -1, 1, 0), "from a neighbouring corner (a quarter turn)",
+       renumber},
+      {NoticeKind::numbering, matrix(0, 1, -1, 0),
+       "from the other neighbouring corner (a quarter turn)", renumber},
+      {NoticeKind::mirrored, matrix(-1, 0, 0, 1), "mirrored: each row backwards",
+       "reverse the order of the points within each row of these views"},
+      {NoticeKind::mirrored, matrix(1, 0, 0, -1), "mirrored: the last row first",
+       "reverse the order of the rows of points in these views"}};
+  const auto add = [&](const Relabeling& r, const Subjects& where, const std::string& clause,
+                       const std::map<int, std::vector<int>>& places, int sensor) {
     Hypothesis h;
-    h.id = r.id;
+    h.kind = r.kind;
     h.where = where;
     h.mistake = clause + " " + r.numbering;
     h.cure = r.cure;
@@ -186,15 +187,15 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     const Target& target = rig.targets[t.first];
     for (OtherLayout& other : exchanged_layouts(target)) {
       Hypothesis h;
-      h.id = other.exchanged ? "rows-columns" : "numbering";
-      h.where = {target.name};
+      h.kind = other.exchanged ? NoticeKind::rows_columns : NoticeKind::numbering;
+      h.where = {Subject::target(target.name)};
       h.mistake = other.exchanged ? "rows and columns of target " + quoted(target.name) +
                                         " are exchanged: its points are numbered " + other.numbering
                                   : "the points of target " + quoted(target.name) +
                                         " are numbered " + other.numbering;
       h.cure = other.exchanged
-                   ? "Exchange targets." + target.name +
-                         ".rows and .columns in the rig, or number the points row by row."
+                   ? "exchange targets." + target.name +
+                         ".rows and .columns in the rig, or number the points row by row"
                    : renumber;
       h.undo = [target_index = t.first, layout = std::move(other.layout)](
                    Rig& r, std::vector<Sample>&) { set_layout(r.targets[target_index], layout); };
@@ -203,8 +204,9 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     for (const Relabeling& r : relabelings) {
       const std::vector<int> places = relabeling(target, r.m);
       if (!places.empty())
-        add(r, {target.name}, "the points of target " + quoted(target.name) + " are numbered",
-            {{t.first, places}}, -1);
+        add(r, {Subject::target(target.name)},
+            "the points of target " + quoted(target.name) + " are numbered", {{t.first, places}},
+            -1);
     }
   }
   for (const auto& s : seen)
@@ -216,8 +218,8 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
       const bool same = places.size() == 1 && observers[places.begin()->first].size() ==
                                                   1;  // as all views of that target
       if (places.empty() || same) continue;
-      std::vector<std::string> where = {rig.sensors[s.first].name};
-      for (const auto& p : places) where.push_back(rig.targets[p.first].name);
+      Subjects where = {Subject::sensor(rig.sensors[s.first].name)};
+      for (const auto& p : places) where.push_back(Subject::target(rig.targets[p.first].name));
       add(r, where,
           "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees",
           places, s.first);
@@ -225,7 +227,9 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
           &r == &relabelings
                      .front())  // one of them only: what detectors do with boards of even symmetry
         for (const auto& p : places)
-          add(r, {rig.sensors[s.first].name, rig.targets[p.first].name},
+          add(r,
+              {Subject::sensor(rig.sensors[s.first].name),
+               Subject::target(rig.targets[p.first].name)},
               "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of target " +
                   quoted(rig.targets[p.first].name),
               {p}, s.first);
@@ -246,18 +250,18 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
       const bool squares =
           complete && width == shape.columns - 1 && seen == (shape.rows - 1) * (shape.columns - 1);
       Hypothesis h;
-      h.id = "board-columns";
-      h.where = {target.name};
+      h.kind = NoticeKind::board_columns;
+      h.where = {Subject::target(target.name)};
       h.mistake = "the points of target " + quoted(target.name) + " are numbered in rows of " +
                   std::to_string(width) + ", but the rig's board has " +
                   std::to_string(shape.columns) + " in a row";
       if (squares) h.mistake += ": the rig counts squares in place of inner corners";
       const int more = width - shape.columns;
       h.cure =
-          "Count rows and columns again (inner corners, not squares; of a charuco board "
+          "count rows and columns again (inner corners, not squares; of a charuco board "
           "squares): targets." +
           target.name + ".columns is one" + (more > 0 ? " too small" : " too large") +
-          (complete ? text(", and the points seen make %d rows", seen / width) : "") + ".";
+          (complete ? text(", and the points seen make %d rows", seen / width) : "");
       h.undo = [t, layout = laid_out(target, shape, [&](int i) {
                      return std::make_pair(i / width, i % width);
                    })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
@@ -282,12 +286,12 @@ void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, con
       if (seen[by > 0 ? 0 : target.count() - 1] || !std::count(seen.begin(), seen.end(), 1))
         continue;
       Hypothesis h;
-      h.id = "numbering";
-      h.where = {target.name};
+      h.kind = NoticeKind::numbering;
+      h.where = {Subject::target(target.name)};
       h.mistake = "the ids of the points of target " + quoted(target.name) + " are one too " +
                   (by > 0 ? "large" : "small");
-      h.cure = by > 0 ? "Subtract 1 from these ids: they count from 0."
-                      : "Add 1 to these ids: the first point is 0.";
+      h.cure = by > 0 ? "subtract 1 from these ids: they count from 0"
+                      : "add 1 to these ids: the first point is 0";
       h.undo = [t, layout = laid_out(target, shape, [&](int i) {
                      const int own = i - by + shape.columns;  // (not negative)
                      return std::make_pair(own / shape.columns - 1, own % shape.columns);
@@ -299,13 +303,13 @@ void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, con
   for (auto& [by, each] : all) {  // of one detector
     if (each.size() < 2) continue;
     Hypothesis h;
-    h.id = "numbering";
+    h.kind = NoticeKind::numbering;
     std::vector<std::function<void(Rig&, std::vector<Sample>&)>> undo;
     for (const Hypothesis& one : each) {
       h.where.push_back(one.where[0]);
       undo.push_back(one.undo);
     }
-    h.mistake = "the ids of the points of targets " + joined(h.where) + " are one too " +
+    h.mistake = "the ids of the points of targets " + joined(names_of(h.where)) + " are one too " +
                 (by > 0 ? "large" : "small");
     h.cure = each[0].cure;
     h.undo = [undo](Rig& r, std::vector<Sample>& s) {
@@ -398,16 +402,16 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const 
       std::string list;
       for (int p : order) list += (list.empty() ? "" : ", ") + std::to_string(p);
       Hypothesis h;
-      h.id = "numbering";
-      h.where = {target.name, sensor.name};
+      h.kind = NoticeKind::numbering;
+      h.where = {Subject::target(target.name), Subject::sensor(sensor.name)};
       h.mistake = "sensor " + quoted(sensor.name) + " sees the points of target " +
                   quoted(target.name) +
                   " in another order than the rig lists them: its first, second, ... are the "
                   "rig's points " +
                   list + " (counted from 0)";
-      h.cure = "List targets." + target.name +
+      h.cure = "list targets." + target.name +
                ".points in the order in which they are measured, or give these numbers as ids of "
-               "the views.";
+               "the views";
       h.undo = [pair, order](Rig& r, std::vector<Sample>& all) {
         for (Sample& sample : all)
           for (View& v : sample.views)
@@ -431,7 +435,7 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
       Hypothesis h = mirrored_points(
           "the points of target " + quoted(target.name) + " are mirrored in the rig", axis,
           "target", "targets." + target.name + ".points");
-      h.where = {target.name};
+      h.where = {Subject::target(target.name)};
       h.undo = [t, axis](Rig& r, std::vector<Sample>&) { r.targets[t].points.row(axis) *= -1; };
       out.push_back(h);
     }
@@ -553,15 +557,15 @@ std::optional<Hypothesis> moved_target(const Recording& recording, const TrialCo
   if (best.target < 0) return std::nullopt;
   const std::string& name = recording.rig.targets[best.target].name;
   Hypothesis h;
-  h.id = "moved-target";
-  h.where = {name, best.first};
+  h.kind = NoticeKind::moved_target;
+  h.where = {Subject::target(name), Subject::sample(best.first)};
   h.mistake = "target " + quoted(name) + " stands elsewhere from sample " + quoted(best.first) +
               " on: it was moved by " + text("%.3g mm", 1e3 * best.distance) +
               text(" and %.3g mrad", 1e3 * best.angle);
   h.cure =
-      "Calibrate what was recorded before and after that apart; or give it a second entry in "
+      "calibrate what was recorded before and after that apart; or give it a second entry in "
       "targets, with the same numbers and link and without pose, and name that one in the "
-      "views from there on.";
+      "views from there on";
   h.free = free_of_copy(context, name);
   h.told = [said = std::make_pair(h.mistake, h.cure)](const std::vector<double>&) { return said; };
   h.undo = [target = best.target, from = best.from](Rig& r, std::vector<Sample>& changed) {

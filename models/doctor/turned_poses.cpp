@@ -126,12 +126,12 @@ std::optional<Pose> find_pose(const Recording& recording, const TrialContext& co
   }
 }
 
-Hypothesis turned(const std::string& what, const std::string& where, const Matrix3d& turn) {
+Hypothesis turned(const std::string& what, Subject where, const Matrix3d& turn) {
   Hypothesis h;
-  h.id = "turned-pose";
-  h.where = {where};
+  h.kind = NoticeKind::turned_pose;
+  h.where = {std::move(where)};
   h.mistake = what + " is turned";
-  h.cure = "Turn it " + turn_words(turn) + ".";
+  h.cure = "turn it " + turn_words(turn);
   return h;
 }
 
@@ -152,7 +152,7 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
     const Joint& joint = rig.tree.joints[j];
     if (auto turn = near_turn(lower * found * inverse(given) * inverse(lower))) {
       out.push_back(turned("the origin of fixed joint " + quoted(joint.name) + " in the URDF",
-                           joint.name, *turn));
+                           Subject::joint(joint.name), *turn));
       out.back().undo = [j, m = *turn](Rig& r, std::vector<Sample>&) {
         r.tree.joints[j].parent_T_joint.rotation = r.tree.joints[j].parent_T_joint.rotation * m;
       };
@@ -163,9 +163,9 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
   if (!turn || (!stated && !out.empty())) return;
   out.push_back(turned("the pose of " + std::string(target ? "target " : "sensor ") + quoted(name) +
                            (target ? " on its mount" : " on its link"),
-                       name, *turn));
+                       target ? Subject::target(name) : Subject::sensor(name), *turn));
   if (of_w_x_y_z(given.rotation).isApprox(given.rotation * *turn, 1e-3))
-    out.back().cure += " A quaternion written w x y z does this: quat is [x, y, z, w].";
+    out.back().cure += ". A quaternion written w x y z does this: quat is [x, y, z, w]";
   out.back().undo = [held, m = *turn](Rig& r, std::vector<Sample>&) {
     if (held.target >= 0) {
       Pose& pose = r.targets[held.target].link_T_target;

@@ -52,8 +52,8 @@ Parts spread_parts(const Recording& recording, const TrialContext& context,
 
 }  // namespace
 
-std::optional<Finding> two_parts(const Recording& recording, const TrialContext& context,
-                                 const TrialFit& now) {
+std::optional<Notice> two_parts(const Recording& recording, const TrialContext& context,
+                                const TrialFit& now) {
   const std::vector<int> order = logged_order(recording.samples);
   const int n = static_cast<int>(order.size());
   if (n < kFewestSamples || !now.complete() || now.per_dof() < kLarge) return std::nullopt;
@@ -88,20 +88,17 @@ std::optional<Finding> two_parts(const Recording& recording, const TrialContext&
     return std::nullopt;
   const std::string &last = recording.samples[order[at - 1]].id,
                     &first = recording.samples[order[at]].id;
-  Finding out;
-  out.id = "changed";
-  out.where = {first};
+  Notice out = make_notice(
+      NoticeKind::changed, {Subject::sample(first)},
+      "what was recorded up to sample " + quoted(last) + " and from " + quoted(first) +
+          " on contradict each other: chi2/dof is " +
+          text("%.3g of all, %.3g and %.3g of the two by themselves", now.per_dof(),
+               best.before.per_dof(), best.after.per_dof()),
+      "something changed between: images of another size or lens setting, a joint that was homed "
+      "anew, a camera, tracker or target that was bumped, or it is another robot",
+      "calibrate the two parts apart, and compare them (diff)");
   out.chi2_as_is = now.chi2;
   out.chi2_corrected = best.chi2();
-  out.text =
-      "What was recorded up to sample " + quoted(last) + " and from " + quoted(first) +
-      " on contradict each other: chi2/dof is " +
-      text("%.3g of all, %.3g and %.3g of the two by themselves. ", now.per_dof(),
-           best.before.per_dof(), best.after.per_dof()) +
-      "Something changed between: images of another size or lens setting, a joint that was homed "
-      "anew, a camera, tracker or target that was bumped, or it is another robot. Calibrate the "
-      "two "
-      "parts apart, and compare them (diff).";
   return out;
 }
 

@@ -10,7 +10,7 @@
 
 #include <optional>
 
-#include "finding.h"
+#include "../notices/notice.h"
 #include "trial_fits.h"
 
 namespace kincal {
@@ -18,7 +18,7 @@ namespace kincal {
 /// Returns the finding (`changed`) where both parts are explained by themselves and all together
 /// are not (`now`, of all that was not undone). nullopt: no such split, or too few samples. @throws
 /// Cancelled
-std::optional<Finding> two_parts(const Recording& recording, const TrialContext& context,
-                                 const TrialFit& now);
+std::optional<Notice> two_parts(const Recording& recording, const TrialContext& context,
+                                const TrialFit& now);
 
 }  // namespace kincal

@@ -152,10 +152,10 @@ Bend bend_of(const Solution& solution, int target) {
 
 }  // namespace
 
-std::vector<Finding> bent_boards(const Solution& solution, const Residuals& residuals) {
+Notices bent_boards(const Solution& solution, const Residuals& residuals) {
   constexpr double kClear = 18, kLeast = 2e-5, kMost = 0.05;  // chi2 of two; m; of the diagonal
   constexpr double kPull = 2;                                 // in sigmas: less does no harm
-  std::vector<Finding> out;
+  Notices out;
   for (const auto& entry : screened(solution, residuals)) {
     if (!entry.second.stands_out()) continue;
     const Target& target = solution.rig().targets[entry.first];
@@ -170,18 +170,19 @@ std::vector<Finding> bent_boards(const Solution& solution, const Residuals& resi
         !(bend.fell > 0.5 * (solution.chi2_data - solution.dof_data)) || size < kLeast ||
         size > kMost * diagonal || bend.pull < kPull)
       continue;
-    out.push_back(
-        {"bent",
-         "Target " + quoted(target.name) +
-             text(" is not flat: with its middle standing out by %.2g mm along x and %.2g mm along "
-                  "y",
-                  1e3 * bend.warp.x(), 1e3 * bend.warp.y()) +
-             text(" chi2 falls from %.4g to %.4g. Print it on something flat; or write \"warp: [0, "
-                  "0]\" in its entry of the rig, and the bend is estimated.",
-                  solution.chi2_data, left),
-         {target.name},
-         solution.chi2_data,
-         left});
+    Notice bent = make_notice(
+        NoticeKind::bent, {Subject::target(target.name)},
+        "target " + quoted(target.name) +
+            text(" is not flat: with its middle standing out by %.2g mm along x and %.2g mm along "
+                 "y",
+                 1e3 * bend.warp.x(), 1e3 * bend.warp.y()) +
+            text(" chi2 falls from %.4g to %.4g", solution.chi2_data, left),
+        "",
+        "print it on something flat; or write \"warp: [0, 0]\" in its entry of the rig, and the "
+        "bend is estimated");
+    bent.chi2_as_is = solution.chi2_data;
+    bent.chi2_corrected = left;
+    out.push_back(std::move(bent));
   }
   return out;
 }

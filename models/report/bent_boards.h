@@ -14,13 +14,13 @@
 
 #include "../analysis/residuals.h"
 #include "../calibration/solution.h"
-#include "../doctor/finding.h"
+#include "../doctor/diagnosis.h"
 
 namespace kincal {
 
 /// Returns a finding (`bent`) for each board that is flat in the rig and with whose warp chi2 falls
 /// by what chance makes of one in 10,000 and by half of what it exceeds its degrees of freedom, and
 /// which pulls a number by two of its sigmas at least.
-std::vector<Finding> bent_boards(const Solution& solution, const Residuals& residuals);
+Notices bent_boards(const Solution& solution, const Residuals& residuals);
 
 }  // namespace kincal

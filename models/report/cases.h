@@ -13,22 +13,31 @@ namespace kincal {
 
 /// A Case is one of what a warning is about: how bad it is orders them.
 struct Case {
-  std::string name, text;
+  Subject what;
+  std::string text;
   double size = 0;
 };
 
-/// Warns once of all cases: of one in its own words; of several how many there are, `what` they are
-/// ("parameters above 3 sigmas"), the worst one's words and the names of the next.
-inline void warn(const char* id, const char* what, std::vector<Case> cases, Warnings& out) {
-  if (cases.empty()) return;
+/// Makes one warning of all cases, of which there is at least one: of one case in its own words; of
+/// several how many there are, `plural` says of what ("parameters are more than 3 sigmas from their
+/// priors"), the worst one's words and the names of the next.
+inline Notice notice_of(NoticeKind kind, const std::string& plural, std::vector<Case> cases,
+                        std::string why = "", std::string cure = "") {
   std::stable_sort(cases.begin(), cases.end(),
                    [](const Case& a, const Case& b) { return a.size > b.size; });
-  Warning warning{id, cases[0].text, {}};
-  for (const Case& c : cases) warning.names.push_back(c.name);
+  Subjects where;
+  for (const Case& c : cases) where.push_back(c.what);
+  std::string what = cases[0].text;
   if (cases.size() > 1)
-    warning.text = std::to_string(cases.size()) + " " + what + ", worst " + cases[0].text +
-                   "; then " + listed({warning.names.begin() + 1, warning.names.end()}, kNamed - 2);
-  out.push_back(std::move(warning));
+    what = std::to_string(cases.size()) + " " + plural + ", worst " + what + "; then " +
+           listed(names_of({where.begin() + 1, where.end()}), kNamed - 2);
+  return make_notice(kind, std::move(where), std::move(what), std::move(why), std::move(cure));
+}
+
+/// As notice_of(), of any number of cases.
+inline void warn(NoticeKind kind, const std::string& plural, std::vector<Case> cases,
+                 std::string cure, Notices& out) {
+  if (!cases.empty()) out.push_back(notice_of(kind, plural, std::move(cases), "", std::move(cure)));
 }
 
 }  // namespace kincal

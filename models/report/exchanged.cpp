@@ -20,10 +20,10 @@ struct Placed {
 };
 
 /// Pairs of which each was found where the other was given.
-std::vector<Finding> in_each_others_place(const std::vector<Placed>& all, const char* id,
-                                          const char* what, const char* cure) {
+Notices in_each_others_place(const std::vector<Placed>& all, NoticeKind kind, Subject::Kind of,
+                             const char* what, const char* cure) {
   constexpr double kNear = 0.35, kFar = 0.75, kLeast = 0.01;  // of the distance; m
-  std::vector<Finding> out;
+  Notices out;
   for (size_t a = 0; a < all.size(); ++a)
     for (size_t b = a + 1; b < all.size(); ++b) {
       const Placed &first = all[a], &second = all[b];
@@ -35,20 +35,18 @@ std::vector<Finding> in_each_others_place(const std::vector<Placed>& all, const 
       if (first.kind != second.kind || distance < kLeast || !at_the_other(first, second) ||
           !at_the_other(second, first))
         continue;
-      out.push_back({id,
-                     what + quoted(first.name) + " and " + quoted(second.name) +
-                         " are exchanged: each was found where the rig has the other, " +
-                         text("%.3g m", distance) + " away. " + cure,
-                     {first.name, second.name},
-                     {},
-                     {}});
+      out.push_back(make_notice(kind, subjects(of, {first.name, second.name}),
+                                what + quoted(first.name) + " and " + quoted(second.name) +
+                                    " are exchanged: each was found where the rig has the other, " +
+                                    text("%.3g m", distance) + " away",
+                                "", cure));
     }
   return out;
 }
 
 }  // namespace
 
-std::vector<Finding> exchanged_things(const Solution& solution) {
+Notices exchanged_things(const Solution& solution) {
   const Rig& rig = solution.rig();
   const std::vector<double> readings(rig.tree.joints.size(), 0.0);
   const Configuration given(rig, solution.table(), solution.table().initial, readings);
@@ -68,13 +66,13 @@ std::vector<Finding> exchanged_things(const Solution& solution) {
       targets.push_back({target.name, target.type + std::to_string(target.count()),
                          given.base_T_target(i).translation, found.base_T_target(i).translation});
   }
-  std::vector<Finding> out = in_each_others_place(cameras, "swapped-cameras", "Cameras ",
-                                                  "Exchange the two names, in the rig or in the "
-                                                  "views.");
-  for (Finding& finding :
-       in_each_others_place(targets, "exchanged-targets", "Targets ",
-                            "Exchange the two names, or what tells them apart (ids of markers), in "
-                            "the rig; or correct their poses."))
+  Notices out =
+      in_each_others_place(cameras, NoticeKind::swapped_cameras, Subject::Kind::sensor, "cameras ",
+                           "exchange the two names, in the rig or in the views");
+  for (Notice& finding : in_each_others_place(
+           targets, NoticeKind::exchanged_targets, Subject::Kind::target, "targets ",
+           "exchange the two names, or what tells them apart (ids of markers), in "
+           "the rig; or correct their poses"))
     out.push_back(std::move(finding));
   return out;
 }
@@ -96,12 +94,12 @@ double found_baseline(const Solution& solution, size_t camera) {
 
 }  // namespace
 
-std::vector<Finding> pairs_apart(const Solution& solution) {
+Notices pairs_apart(const Solution& solution) {
   constexpr double kMeasured = 0.03, kSigmas = 5;  // share of the baseline
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
   solution.refresh();
-  std::vector<Finding> out;
+  Notices out;
   for (size_t a = 0; a < rig.sensors.size(); ++a)
     for (size_t b = a + 1; b < rig.sensors.size(); ++b) {
       if (!is_pair(rig, static_cast<int>(a), static_cast<int>(b))) continue;
@@ -121,24 +119,22 @@ std::vector<Finding> pairs_apart(const Solution& solution) {
         continue;
       const Sensor &first = rig.sensors[a], &second = rig.sensors[b];
       const std::string right = given > 0 ? second.name : first.name;
-      out.push_back(
-          {"baseline",
-           "Cameras " + quoted(first.name) + " and " + quoted(second.name) +
-               " are one pair at one place in the rig, but were found " +
-               length_text(std::abs(apart)) +
-               text(" apart along their baseline: the rig says %.5g m, the data say %.5g m (times "
-                    "%.4g). ",
-                    std::abs(given), std::abs(seen), seen / given) +
-               "Measure it, and correct the baseline of camera " + quoted(right) +
-               ": else depths of the pair are wrong by as much.",
-           {right},
-           {},
-           {}});
+      out.push_back(make_notice(
+          NoticeKind::baseline, {Subject::sensor(right)},
+          "cameras " + quoted(first.name) + " and " + quoted(second.name) +
+              " are one pair at one place in the rig, but were found " +
+              length_text(std::abs(apart)) +
+              text(" apart along their baseline: the rig says %.5g m, the data say %.5g m (times "
+                   "%.4g)",
+                   std::abs(given), std::abs(seen), seen / given),
+          "",
+          "measure it, and correct the baseline of camera " + quoted(right) +
+              ": else depths of the pair are wrong by as much"));
     }
   return out;
 }
 
-std::vector<Finding> seen_from_behind(const Solution& solution) {
+Notices seen_from_behind(const Solution& solution) {
   constexpr int kFewest = 3;
   const Rig& rig = solution.rig();
   std::vector<int> views(rig.targets.size(), 0), behind(rig.targets.size(), 0);
@@ -156,23 +152,23 @@ std::vector<Finding> seen_from_behind(const Solution& solution) {
       behind[v.target] += eye.z() < 0;
     }
   }
-  std::vector<Finding> out;
+  Notices out;
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (views[t] >= kFewest && behind[t] == views[t])
-      out.push_back({"mirrored",
-                     "Marker " + quoted(rig.targets[t].name) + " is seen from behind in all " +
-                         std::to_string(views[t]) +
-                         " views, which cannot be: its corners are numbered counter-clockwise, or "
-                         "the images are mirrored. Write its corners clockwise, as seen from the "
-                         "front, from the upper left one on.",
-                     {rig.targets[t].name},
-                     {},
-                     {}});
+      out.push_back(make_notice(
+          NoticeKind::mirrored, {Subject::target(rig.targets[t].name)},
+          "marker " + quoted(rig.targets[t].name) + " is seen from behind in all " +
+              std::to_string(views[t]) +
+              " views, which cannot be: its corners are numbered counter-clockwise, or "
+              "the images are mirrored",
+          "",
+          "write its corners clockwise, as seen from the front, from the upper left one "
+          "on"));
   return out;
 }
 
-std::vector<Finding> not_as_given(const Solution& solution, const Residuals& residuals) {
-  std::vector<Finding> out = exchanged_things(solution);
+Notices not_as_given(const Solution& solution, const Residuals& residuals) {
+  Notices out = exchanged_things(solution);
   if (out.empty()) out = seen_from_behind(solution);
   if (out.empty()) out = pairs_apart(solution);
   if (out.empty()) out = bent_boards(solution, residuals);

@@ -47,28 +47,46 @@ long placing_numbers(const Solution& solution) {
   return out;
 }
 
-Warning warning_of(const char* id, const std::vector<const Finding*>& findings) {
-  Warning out{id, "", {}};
-  for (const Finding* f : findings) {
-    out.text += (out.text.empty() ? "" : " ") + f->text;
-    out.names.insert(out.names.end(), f->where.begin(), f->where.end());
+/// What was found before any fit, as one warning, with one cure a kind.
+Notice warning_of(NoticeKind kind, const std::vector<const Notice*>& findings) {
+  Notice out = make_notice(kind, {}, "");
+  std::set<NoticeKind> cured;
+  for (const Notice* f : findings) {
+    const std::string why = f->why.empty() ? "" : " (" + f->why + ")";
+    out.what += (out.what.empty() ? "" : "; ") + f->what + why;
+    if (cured.insert(f->kind).second) out.cure += (out.cure.empty() ? "" : "; ") + f->cure;
+    out.where.insert(out.where.end(), f->where.begin(), f->where.end());
   }
-  if (!out.text.empty() && out.text.back() == '.') out.text.pop_back();
   return out;
+}
+
+/// Whether a size or lens that came out as another did so on the automatic path, where nobody said
+/// how well it is known.
+bool nobody_freed(const Report& report, const std::string& number) {
+  const Solution& solution = report.solution;
+  if (report.automatic.empty()) return false;
+  for (const PriorSetting& prior : solution.rig().priors)
+    for (const Freed& f : solution.table().select(prior.pattern))
+      if (number.rfind(solution.table().all[f.parameter].name, 0) == 0) return false;
+  return true;
 }
 
 }  // namespace
 
-void warn_of_input(const std::vector<Finding>& input, Warnings& out) {
-  std::vector<const Finding*> implausible, outside, twice;
-  for (const Finding& f : input)
-    (f.id == "duplicates" ? twice : f.id == "outside-image" ? outside : implausible).push_back(&f);
-  if (!implausible.empty()) out.push_back(warning_of("implausible", implausible));
-  if (!outside.empty()) out.push_back(warning_of("outside_image", outside));
-  if (!twice.empty()) out.push_back(warning_of("duplicates", twice));
+void warn_of_input(const Notices& input, Notices& out) {
+  std::vector<const Notice*> implausible, outside;
+  for (const Notice& f : input)
+    if (f.kind == NoticeKind::same_samples) {
+      out.push_back(make_notice(NoticeKind::duplicates, f.where, f.what, f.why, f.cure));
+      out.back().severity = f.severity;
+    } else {
+      (f.kind == NoticeKind::points_outside ? outside : implausible).push_back(&f);
+    }
+  if (!implausible.empty()) out.push_back(warning_of(NoticeKind::implausible, implausible));
+  if (!outside.empty()) out.push_back(warning_of(NoticeKind::outside_image, outside));
 }
 
-void warn_of_few_data(const Solution& solution, Warnings& out) {
+void warn_of_few_data(const Solution& solution, Notices& out) {
   std::set<Component> held;
   for (const Prior& p : solution.setup.priors) held.insert({p.parameter, p.component});
   long unknowns = 0;
@@ -79,27 +97,28 @@ void warn_of_few_data(const Solution& solution, Warnings& out) {
   const std::string of_samples =
       std::to_string(samples) + " training sample" + (samples == 1 ? "" : "s");
   if (unknowns > 0 && numbers <= unknowns)
-    out.push_back(
-        {"few_data",
-         of_samples +
-             text(": %ld numbers say where things are to each other (six a view at most)"
-                  ", for %ld unknowns without a prior: ",
-                  numbers, unknowns) +
-             (numbers == unknowns ? "nothing is left to judge them by" : "that is too few") +
-             ". Record more postures, or free less",
-         {}});
+    out.push_back(make_notice(
+        NoticeKind::few_data, {},
+        of_samples +
+            text(": %ld numbers say where things are to each other (six a view at most)"
+                 ", for %ld unknowns without a prior: ",
+                 numbers, unknowns) +
+            (numbers == unknowns ? "nothing is left to judge them by" : "that is too few"),
+        "", "record more postures, or free less"));
   else if (!(solution.dof_data > 0) && !solution.columns.empty())
-    out.push_back({"few_data",
-                   of_samples +
-                       " have no more measured numbers than there are unknowns: nothing is left to "
-                       "judge these by. Record more, or free less",
-                   {}});
+    out.push_back(make_notice(
+        NoticeKind::few_data, {},
+        of_samples +
+            " have no more measured numbers than there are unknowns: nothing is left to judge "
+            "these by",
+        "", "record more, or free less"));
 }
 
 namespace {
 
 constexpr double kNearReading = 4, kSameView = 1.5;  // sigmas of a difference: each, their rms
 constexpr double kNoErrorsOfTheirOwn = 0.5;          // share of the scatter that sigmas allow
+constexpr double kOftenRepeated = 3.5;  // samples a posture: sigmas are too small by its root
 
 /// The squared differences of two samples' readings in sigmas of a difference, over the noisy
 /// joints; infinite where the robot moved.
@@ -244,83 +263,73 @@ size_t distinct_postures(const Recording& recording, Mean& scatter) {
 
 }  // namespace
 
-void warn_of_repetition(const Recording& recording, Warnings& out) {
+void warn_of_repetition(const Recording& recording, Notices& out) {
   const std::vector<JointSettings>& joints = recording.rig.joints;
   const size_t samples = recording.training().size(), postures = count_postures(recording);
   const bool unknown = std::any_of(joints.begin(), joints.end(),
                                    [](const JointSettings& j) { return j.noise_unknown; });
   if (unknown && postures < static_cast<size_t>(kFewPoses))
-    out.push_back(
-        {"few_poses",
-         text("%d poses do not tell how noisy they are: %.3g mm and %.3g mrad are taken. "
-              "Record at least %d, or state their sigma in the rig (joints)",
-              static_cast<int>(postures), 1e3 * kFewPosesNoise, 1e3 * kFewPosesNoise, kFewPoses),
-         {}});
+    out.push_back(make_notice(
+        NoticeKind::few_poses, {},
+        text("%d poses do not tell how noisy they are: %.3g mm and %.3g mrad are taken",
+             static_cast<int>(postures), 1e3 * kFewPosesNoise, 1e3 * kFewPosesNoise),
+        "", text("record at least %d, or state their sigma in the rig (joints)", kFewPoses)));
   const bool noisy =
       std::any_of(joints.begin(), joints.end(), [](const JointSettings& j) { return j.sigma > 0; });
   if (!noisy) return;
   Mean scatter;
   const size_t distinct = distinct_postures(recording, scatter);
-  if (distinct > 1 && 2 * samples > 3 * distinct && scatter.value() < kNoErrorsOfTheirOwn)
-    out.push_back(
-        {"repeated",
-         text("%d samples were taken at %d postures, by readings that %s. Each counts as if it had "
-              "errors of its own, so sigmas may be %.1f times too small: let the robot move "
-              "between samples",
-              static_cast<int>(samples), static_cast<int>(distinct),
-              scatter.sum > 0 ? "differ by far less than their sigmas allow while the views are "
-                                "the same"
-                              : "are exactly equal",
-              std::sqrt(static_cast<double>(samples) / static_cast<double>(distinct))),
-         {}});
+  if (distinct <= 1 || 2 * samples <= 3 * distinct || !(scatter.value() < kNoErrorsOfTheirOwn))
+    return;
+  const double each = static_cast<double>(samples) / static_cast<double>(distinct);
+  out.push_back(make_notice(
+      NoticeKind::repeated, {},
+      text("%d samples were taken at %d postures, by readings that %s", static_cast<int>(samples),
+           static_cast<int>(distinct),
+           scatter.sum > 0 ? "differ by far less than their sigmas allow while the views are the "
+                             "same"
+                           : "are exactly equal"),
+      text("each counts as if it had errors of its own, so sigmas may be %.1f times too small",
+           std::sqrt(each)),
+      "let the robot move between samples, or keep one of each posture"));
+  if (each > kOftenRepeated) out.back().severity = Severity::doubt;
 }
 
-double samples_a_posture(const Recording& recording) {
-  Mean scatter;
-  return static_cast<double>(recording.training().size()) /
-         static_cast<double>(std::max<size_t>(1, distinct_postures(recording, scatter)));
-}
-
-void warn_of_unseen(const Solution& solution, Warnings& out) {
+void warn_of_unseen(const Solution& solution, Notices& out) {
   const UnseenPoses unseen = unseen_poses(solution);
   std::set<int> held_out;
   for (const Sample& sample : solution.samples())
     for (const View& view : sample.views)
       held_out.insert(
           {solution.table().sensor_pose[view.sensor], solution.table().target_pose[view.target]});
-  Warning all{"never_seen", "", {}};
-  const auto add = [&](const std::vector<int>& poses, bool shown, const std::string& words) {
+  Notice all = make_notice(NoticeKind::never_seen, {}, "");
+  const auto add = [&](const std::vector<int>& poses, bool shown, const std::string& words,
+                       const std::string& cure) {
     std::vector<std::string> names;
     for (const int p : poses)
       if ((held_out.count(p) > 0) == shown) names.push_back(solution.table().all[p].name);
     if (names.empty()) return;
-    all.text += (all.text.empty() ? "" : ". ") + listed(names, kNamed) + ": " + words;
-    all.names.insert(all.names.end(), names.begin(), names.end());
+    all.what += (all.what.empty() ? "" : ". ") + listed(names, kNamed) + ": " + words;
+    all.cure += (all.cure.empty() ? "" : "; ") + cure;
+    for (const std::string& name : names) all.where.push_back(Subject::parameter(name));
   };
   const std::string none = "no training sample shows what has this pose; ",
-                    test = "only held-out samples show what has this pose; ";
+                    test =
+                        "only held-out samples show what has this pose; to judge them it is "
+                        "estimated from them alone, and the result ";
   add(unseen.open, false,
-      none +
-          "nothing is known of it, and of what depends on it (in the result it is the "
-          "identity). Record samples that show it, or take it out of the rig");
-  add(unseen.given, false,
-      none +
-          "it keeps the rig's value, which predictions take as exact. To estimate it, record "
-          "samples that show it");
-  add(unseen.open, true,
-      test +
-          "to judge them it is estimated from them alone, and the result has no pose of it "
-          "(the identity). That is right for boards of a test; to have its pose, let training "
-          "samples show it");
-  add(unseen.given, true,
-      test +
-          "to judge them it is estimated from them alone, and the result keeps the rig's value, "
-          "which predictions take as exact. That is right for places of a test; to have it "
-          "estimated, let training samples show it");
-  if (!all.text.empty()) out.push_back(std::move(all));
+      none + "nothing is known of it, and of what depends on it (in the result it is the identity)",
+      "record samples that show it, or take it out of the rig");
+  add(unseen.given, false, none + "it keeps the rig's value, which predictions take as exact",
+      "to estimate it, record samples that show it");
+  add(unseen.open, true, test + "has no pose of it (the identity)",
+      "nothing, for boards of a test; to have its pose, let training samples show it");
+  add(unseen.given, true, test + "keeps the rig's value, which predictions take as exact",
+      "nothing, for places of a test; to have it estimated, let training samples show it");
+  if (!all.what.empty()) out.push_back(std::move(all));
 }
 
-void warn_of_unused_priors(const Solution& solution, Warnings& out) {
+void warn_of_unused_priors(const Solution& solution, Notices& out) {
   std::vector<PriorSetting> priors = solution.rig().priors;
   for (const Step& step : solution.rig().steps)
     if (!solution.prediction)  // else the steps are not the rig's
@@ -332,22 +341,24 @@ void warn_of_unused_priors(const Solution& solution, Warnings& out) {
   const Estimation probe(*solution.recording, solution.training(), setup);
   if (probe.groups().empty()) return;
   const std::vector<char> matters = probe.influencing();
-  Warning unused{"unused_prior", "", {}};
+  std::vector<std::string> unused;
   for (const PriorSetting& prior : priors) {
     const std::vector<Freed> covered = solution.table().select(prior.pattern);
     if (std::none_of(covered.begin(), covered.end(),
                      [&](const Freed& f) { return matters[f.parameter]; }) &&
-        std::count(unused.names.begin(), unused.names.end(), prior.pattern) == 0)
-      unused.names.push_back(prior.pattern);
+        std::count(unused.begin(), unused.end(), prior.pattern) == 0)
+      unused.push_back(prior.pattern);
   }
-  if (unused.names.empty()) return;
-  unused.text = "the prior on " + listed(unused.names, kNamed) +
-                " changes nothing: no measurement of the training depends on what it is about, "
-                "which keeps the rig's value";
-  out.push_back(std::move(unused));
+  if (unused.empty()) return;
+  out.push_back(make_notice(
+      NoticeKind::unused_prior, subjects(Subject::Kind::prior, unused),
+      "the prior on " + listed(unused, kNamed) +
+          " changes nothing: no measurement of the training depends on what it is about, which "
+          "keeps the rig's value"));
 }
 
-void warn_of_rescaled(const Solution& solution, Warnings& out) {
+void warn_of_rescaled(const Report& report, Notices& out) {
+  const Solution& solution = report.solution;
   std::vector<Case> cases;
   const auto add = [&](const std::string& name, double given, double value,
                        const std::string& unit) {
@@ -355,7 +366,7 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
     const double times = std::max(factor, 1 / factor);
     const bool lens = std::string(unit) == " px";
     if (!(given != 0) || !(times > (lens ? kRefocused : kResized))) return;
-    cases.push_back({name,
+    cases.push_back({Subject::parameter(name),
                      name + text(" is %.4g", value) + unit + text(" in the result, %.4g", given) +
                          unit + text(" in the rig (%.4g times): ", factor) +
                          (times > kRescaled ? "correct the rig, its unit may be another"
@@ -382,10 +393,19 @@ void warn_of_rescaled(const Solution& solution, Warnings& out) {
       for (size_t c = 0; c < 2 && c < e.value.size(); ++c)
         add(e.component_name(c), e.initial[c], e.value[c], " px");
   }
-  warn("rescaled", "sizes or focal lengths are others than the rig says", std::move(cases), out);
+  if (cases.empty()) return;
+  const bool freed_by_nobody = std::any_of(
+      cases.begin(), cases.end(), [&](const Case& c) { return nobody_freed(report, c.what.name); });
+  out.push_back(notice_of(NoticeKind::rescaled,
+                          "sizes or focal lengths are others than the rig says", std::move(cases),
+                          "",
+                          "measure what came out as another (a length of the robot that is wrong "
+                          "looks the same), and correct the rig, or state how well it is known: "
+                          "priors"));
+  if (freed_by_nobody) out.back().severity = Severity::doubt;
 }
 
-std::string identity_text(const Solution& solution, const std::string& name) {
+Notice identity_notice(const Solution& solution, const std::string& name) {
   std::vector<std::string> held, prior;
   for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; e.name == name && c < e.components.size(); ++c) {
@@ -395,20 +415,21 @@ std::string identity_text(const Solution& solution, const std::string& name) {
   std::string why = "a coordinate of it is held, or it has a prior";
   if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " held";
   if (held.empty() && !prior.empty()) why = "it has a prior";
-  return name + " is absent from the rig, and " + why +
-         ": that counts from the identity (0, not turned), where it hardly is. Give it a pose in "
-         "the rig, or free all of it and without a prior";
+  return make_notice(NoticeKind::identity, {Subject::parameter(name)},
+                     name + " is absent from the rig, and " + why +
+                         ": that counts from the identity (0, not turned), where it hardly is",
+                     "", "give it a pose in the rig, or free all of it and without a prior");
 }
 
-std::string counts_from_identity(const Solution& solution) {
-  return solution.identity_starts.empty() ? ""
-                                          : identity_text(solution, solution.identity_starts[0]);
+std::optional<Notice> counts_from_identity(const Solution& solution) {
+  if (solution.identity_starts.empty()) return std::nullopt;
+  return identity_notice(solution, solution.identity_starts[0]);
 }
 
-const Finding* first_mistake(const Report& report) {
+const Notice* first_mistake(const Report& report) {
   if (!report.diagnosis) return nullptr;
-  for (const Finding& f : report.diagnosis->findings)
-    if (f.id != "duplicates" && f.id != "outside-image" && f.id != "sigma") return &f;
+  for (const Notice& f : report.diagnosis->findings)
+    if (can_spoil_the_fit(f.kind)) return &f;
   return nullptr;
 }
 

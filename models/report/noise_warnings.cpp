@@ -28,7 +28,7 @@ std::string doubted_gears(const Report& report) {
   return list.empty() ? ""
                       : ". " + list +
                             " may have another gear ratio than stated, which looks like noise: "
-                            "the group gears estimates it";
+                            "`group` gears estimates it";
 }
 
 std::string level_name(const NoiseLevel& level) {
@@ -82,7 +82,8 @@ std::string noisier_joints_text(const Report& report) {
   return joints.empty() ? ""
                         : ". But joints look noisier than that, so sigmas may be too small: " +
                               listed(joints, kNamed) +
-                              ". State the sensors' sigmas as they are, or --estimate-noise";
+                              ". State the sensors' sigmas as they are, or have the noise "
+                              "estimated (`estimate_noise`)";
 }
 
 /// How much of what was stated is used, of the levels of a report: the least and the most.
@@ -116,8 +117,25 @@ bool any_stated_is_larger(const Report& report) {
                      });
 }
 
+/// Whether residuals were larger than stated, so that all that the model lacks counts as noise.
+bool taken_for_noise(const Report& report) {
+  return report.noise_estimated && report.noise_estimated->stated > 1;
+}
+
+/// What is furthest from what was stated of its noise.
+std::string noisiest_words(const Report& report) {
+  const NoiseLevel* worst = nullptr;
+  for (const NoiseLevel& l : report.noise_levels)
+    if (!l.unstated && l.used > l.assumed &&
+        (!worst || l.used * worst->assumed > worst->used * l.assumed))
+      worst = &l;
+  return worst ? text(". Furthest off is %s (%.2g times)", worst->of.c_str(),
+                      worst->used / worst->assumed)
+               : "";
+}
+
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
-std::string stated_noise_text(const Report& report, std::vector<std::string>& names) {
+std::string stated_noise_text(const Report& report, Subjects& where) {
   const Rig& rig = report.solution.rig();
   std::vector<NoiseLevel> unstated;
   std::string all;
@@ -130,7 +148,7 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
     if (of_poses) unstated.push_back(level);
     if (factor == 1 && !unknown) continue;
     stated = stated || !unknown;
-    names.push_back(level_name(level));
+    where.push_back({Subject::Kind::part, level_name(level)});
     all += (all.empty() ? "" : "; ") + level_text(rig, level);
   }
   const std::string begin =
@@ -138,10 +156,11 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
   if (all.empty()) {
     std::vector<std::string> exact;
     for (const NoiseLevel& level : report.noise_levels)
-      if (level.unstated)
+      if (level.unstated) {
         exact.push_back(level_name(level) + text(" (%.3g ", level.used) + level.unit + ")");
+        where.push_back({Subject::Kind::part, level_name(level)});
+      }
     if (exact.empty()) return "";
-    names.insert(names.end(), exact.begin(), exact.end());
     return begin + ". Readings that the rig states exact explain the data better as noisy: " +
            listed(exact, kNamed) +
            ", kincal's own assumption; the rig of the result has them so. State what you know of "
@@ -167,7 +186,9 @@ std::string stated_noise_text(const Report& report, std::vector<std::string>& na
                        "%.2g times too small",
                        1 / most)
                 : "");
-  return begin +
+  return (taken_for_noise(report)
+              ? "residuals are larger than the stated noise allows (" + begin + ")"
+              : begin) +
          ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
          "result has them so. Are they plausible? " +
          all + (unstated.empty() ? "" : ". " + flange_entry(rig, unstated)) + doubted_gears(report);
@@ -189,6 +210,39 @@ const NoiseLevel* blamed_for_joints(const Report& report) {
         (!out || l.used * out->assumed > out->used * l.assumed))
       out = &l;
   return out;
+}
+
+/// What to write into a rig for the noise of its sensors, as the data show it.
+std::string sensors_as_seen(const Report& report) {
+  std::map<std::string, std::string> sigmas;  // of a sensor
+  for (const NoiseLevel& level : report.noise_levels) {
+    if (level.sensor < 0) continue;
+    std::string& sigma = sigmas[level.of.substr(level.of.find('/') + 1)];
+    sigma += (sigma.empty() ? "" : ", ") + (level.part.empty() ? "" : level.part + ": ") +
+             plain_digits(std::isfinite(level.seen) ? level.seen : level.used);
+  }
+  std::string out;
+  for (const auto& [sensor, sigma] : sigmas)
+    out += (out.empty() ? "" : ", ") + sensor +
+           ": {sigma: " + (sigma.find(':') == std::string::npos ? sigma : "{" + sigma + "}") + "}";
+  const bool own = std::any_of(report.noise_levels.begin(), report.noise_levels.end(),
+                               [](const NoiseLevel& l) { return l.own_views > 0; });
+  return "sensors: {" + out + "}" +
+         (own ? ", and make the samples anew with it (import, detect --sigma), for their views "
+                "have "
+                "sigmas of their own"
+              : "");
+}
+
+std::string cure_of_trends(const Report& report) {
+  const bool flange =
+      !report.trends.empty() &&
+      report.solution.rig().tree.joints[report.trends.front().joint].type == JointType::floating;
+  return flange ? "log the joint readings and calibrate with the robot's URDF, so that its zeros "
+                  "are estimated too, or have the robot's zeros set anew; else use the result only "
+                  "near the poses recorded"
+                : "estimate what the rig can express (gears: `group` gears), look for what bends "
+                  "or is loose; else use the result only near the postures recorded";
 }
 
 }  // namespace
@@ -213,28 +267,7 @@ bool noise_is_doubtful(const Report& report) {
          (most < kLowered || !noisier_joints(report).empty());
 }
 
-std::string sensors_as_seen(const Report& report) {
-  std::map<std::string, std::string> sigmas;  // of a sensor
-  for (const NoiseLevel& level : report.noise_levels) {
-    if (level.sensor < 0) continue;
-    std::string& sigma = sigmas[level.of.substr(level.of.find('/') + 1)];
-    sigma += (sigma.empty() ? "" : ", ") + (level.part.empty() ? "" : level.part + ": ") +
-             plain_digits(std::isfinite(level.seen) ? level.seen : level.used);
-  }
-  std::string out;
-  for (const auto& [sensor, sigma] : sigmas)
-    out += (out.empty() ? "" : ", ") + sensor +
-           ": {sigma: " + (sigma.find(':') == std::string::npos ? sigma : "{" + sigma + "}") + "}";
-  const bool own = std::any_of(report.noise_levels.begin(), report.noise_levels.end(),
-                               [](const NoiseLevel& l) { return l.own_views > 0; });
-  return "sensors: {" + out + "}" +
-         (own ? ", and make the samples anew with it (import, detect --sigma), for their views "
-                "have "
-                "sigmas of their own"
-              : "");
-}
-
-void warn_of_trends(const Report& report, Warnings& out) {
+void warn_of_trends(const Report& report, Notices& out) {
   const Tree& tree = report.solution.rig().tree;
   std::vector<Case> cases;
   for (const Trend& trend : report.trends) {
@@ -244,23 +277,24 @@ void warn_of_trends(const Report& report, Warnings& out) {
                       turn = trend.turn > 0 ? text("%.3g mrad", 1e3 * trend.turn) : "",
                       both = shift.empty() || turn.empty() ? "" : ", ";
     cases.push_back(
-        {joint.name,
+        {Subject::joint(joint.name),
          std::string("the errors of the ") + (flange ? "poses" : "readings") + " of joint " +
              quoted(joint.name) + " go with where it stands (" + shift + both + turn +
              text(", up to %.0f %% of their scatter): that is no noise but ", 100 * trend.share) +
              (flange ? "the robot's own inaccuracy, such as wrong zeros of its joints, which more "
                        "poses do not average out"
-                     : "something that the rig does not have: a gear, sag, bending or play") +
-             ". It is counted as noise, so the sigmas of the result are too small, also where "
-             "chi2/dof is fine: it may be off by several times them, most of all away from the "
-             "postures recorded",
+                     : "something that the rig does not have: a gear, sag, bending or play"),
          trend.clear});
   }
-  warn("systematic", "joints have errors that go with where they stand", std::move(cases), out);
-  if (!report.trends.empty()) out.back().text += ". What to do: " + cure_of_trends(report);
+  if (cases.empty()) return;
+  out.push_back(notice_of(
+      NoticeKind::systematic, "joints have errors that go with where they stand", std::move(cases),
+      "it is counted as noise, so the sigmas of the result are too small, also where chi2/dof is "
+      "fine: it may be off by several times them, most of all away from the postures recorded",
+      cure_of_trends(report)));
 }
 
-void warn_of_jumps(const Report& report, Warnings& out) {
+void warn_of_jumps(const Report& report, Notices& out) {
   if (report.jumps.empty()) return;
   const Tree& tree = report.solution.rig().tree;
   const Jump& first = report.jumps.front();
@@ -270,91 +304,91 @@ void warn_of_jumps(const Report& report, Warnings& out) {
     if (!std::count(joints.begin(), joints.end(), name)) joints.push_back(name);
   }
   const bool slides = tree.joints[first.joint].type == JointType::prismatic;
-  out.push_back(
-      {"jump",
-       "the errors of joint " + quoted(joints.front()) + " jump by at least " +
-           text("%.3g %s", 1e3 * std::abs(first.by), slides ? "mm" : "mrad") + " from sample " +
-           quoted(report.solution.samples()[first.sample].id) + " on" +
-           (joints.size() > 1
-                ? " (and those of " + listed({joints.begin() + 1, joints.end()}, kNamed) + ")"
-                : std::string()) +
-           ": from there on something is elsewhere, a joint that was homed anew, a sensor or "
-           "target "
-           "that was bumped, or it is another robot. It is counted as noise, so the sigmas of the "
-           "result are too small",
-       joints});
-  out.back().text += ". What to do: " + std::string(kCureOfJumps);
+  out.push_back(make_notice(
+      NoticeKind::jump, subjects(Subject::Kind::joint, joints),
+      "the errors of joint " + quoted(joints.front()) + " jump by at least " +
+          text("%.3g %s", 1e3 * std::abs(first.by), slides ? "mm" : "mrad") + " from sample " +
+          quoted(report.solution.samples()[first.sample].id) + " on" +
+          (joints.size() > 1
+               ? " (and those of " + listed({joints.begin() + 1, joints.end()}, kNamed) + ")"
+               : std::string()) +
+          ": from there on something is elsewhere, a joint that was homed anew, a sensor or "
+          "target that was bumped, or it is another robot",
+      "it is counted as noise, so the sigmas of the result are too small",
+      "calibrate what was recorded before that sample and from it on apart, and compare the two "
+      "(diff)"));
 }
 
-std::string cure_of_trends(const Report& report) {
-  const bool flange =
-      !report.trends.empty() &&
-      report.solution.rig().tree.joints[report.trends.front().joint].type == JointType::floating;
-  return flange ? "log the joint readings and calibrate with the robot's URDF, so that its zeros "
-                  "are estimated too, or have the robot's zeros set anew; else use the result only "
-                  "near the poses recorded"
-                : "estimate what the rig can express (gears: the group gears), look for what bends "
-                  "or is loose; else use the result only near the postures recorded";
-}
-
-void warn_of_quiet_joints(const Report& report, Warnings& out) {
-  std::vector<std::string> joints, names;
+void warn_of_quiet_joints(const Report& report, Notices& out) {
+  std::vector<std::string> joints;
+  Subjects where;
   for (const NoiseLevel& level : report.noise_levels) {
     if (level.joint < 0 || level.unstated || level.used != level.assumed || !level.differs() ||
         !(kNoisy * level.seen < level.assumed))
       continue;
-    names.push_back(level_name(level));
+    where.push_back({Subject::Kind::part, level_name(level)});
     joints.push_back(level_name(level) +
                      text(" (stated %.3g, seen %.2g ", level.assumed, level.seen) + level.unit +
                      ")");
   }
   if (joints.empty()) return;
-  out.push_back({"quiet_joints",
-                 std::to_string(joints.size()) +
-                     (joints.size() == 1 ? " joint is" : " joints are") +
-                     " at most a third as noisy as stated: " + listed(joints, kNamed) +
-                     ". Noise that is not there hides what the data tell of the robot: state what "
-                     "is seen, or have it estimated, and calibrate again",
-                 names});
+  out.push_back(make_notice(
+      NoticeKind::quiet_joints, std::move(where),
+      std::to_string(joints.size()) + (joints.size() == 1 ? " joint is" : " joints are") +
+          " at most a third as noisy as stated: " + listed(joints, kNamed),
+      "noise that is not there hides what the data tell of the robot",
+      "state what is seen, or have the noise estimated (`estimate_noise`), and calibrate again"));
 }
 
-void warn_of_noise(const Report& report, Warnings& out) {
+void warn_of_noise(const Report& report, Notices& out) {
   if (!report.noise_estimated) return;
-  std::vector<std::string> sentences, names;
+  std::vector<std::string> all;
+  Subjects where;
   if (std::isfinite(report.noise_estimated->stated))
-    if (std::string stated = stated_noise_text(report, names); !stated.empty())
-      sentences.push_back(std::move(stated));
-  if (!report.noise_estimated->converged)
-    sentences.push_back("the noise was estimated in " +
-                        std::to_string(report.noise_estimated->count) +
-                        " rounds and still moves: what the model lacks is taken for noise, now of "
-                        "this and now of that");
+    if (std::string stated = stated_noise_text(report, where); !stated.empty())
+      all.push_back(std::move(stated));
   std::vector<std::string> kept;
   for (const NoiseLevel& level : report.noise_levels)
-    if (is_kept(level))
-      kept.push_back(level.of + (level.part.empty() ? "" : " " + level.part) +
-                     text(" (%.3g ", level.assumed) + level.unit + ")");
-  if (!kept.empty() && !std::isfinite(report.noise_estimated->stated)) {
-    sentences.push_back("these data do not determine the noise of " + listed(kept, kNamed) +
-                        ": what is stated was kept");
+    if (is_kept(level) && !std::isfinite(report.noise_estimated->stated)) {
+      kept.push_back(level_name(level) + text(" (%.3g ", level.assumed) + level.unit + ")");
+      where.push_back({Subject::Kind::part, level_name(level)});
+    }
+  if (!kept.empty()) {
+    all.push_back("these data do not determine the noise of " + listed(kept, kNamed) +
+                  ": what is stated was kept");
     if (const NoiseLevel* blamed = blamed_for_joints(report))
-      sentences.push_back(level_name(*blamed) +
-                          text(" came out %.2g times as noisy as stated: where that is noise of "
-                               "these joints, sigmas of the result are far too small",
-                               blamed->used / blamed->assumed));
-    names.insert(names.end(), kept.begin(), kept.end());
+      all.back() += "; " + level_name(*blamed) +
+                    text(
+                        " came out %.2g times as noisy as stated: where that is noise of these "
+                        "joints, sigmas of the result are far too small",
+                        blamed->used / blamed->assumed);
   }
+  if (!report.noise_estimated->converged)
+    all.push_back("the noise was estimated in " + std::to_string(report.noise_estimated->count) +
+                  " rounds and still moves: what the model lacks is taken for noise, now of this "
+                  "and now of that");
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
-      sentences.push_back(level.of + ": " + std::to_string(level.own_views) +
-                          (level.own_views == 1 ? " view has" : " views have") +
-                          " sigmas of their own in the samples file; they were multiplied by "
-                          "the sensor's factor, the file keeps its numbers, which the rig's "
-                          "sigma does not change: make it anew with that (import, detect --sigma)");
-  if (sentences.empty()) return;
-  std::string all;
-  for (const std::string& sentence : sentences) all += (all.empty() ? "" : ". ") + sentence;
-  out.push_back({"noise", all, names});
+      all.push_back(level.of + ": " + std::to_string(level.own_views) +
+                    (level.own_views == 1 ? " view has" : " views have") +
+                    " sigmas of their own in the samples file; they were multiplied by the "
+                    "sensor's factor, the file keeps its numbers, which the rig's sigma does not "
+                    "change: make it anew with that (import, detect --sigma)");
+  if (all.empty()) return;
+  Notice noise = make_notice(NoticeKind::noise, std::move(where), all[0]);
+  for (size_t i = 1; i < all.size(); ++i) noise.why += (i > 1 ? ". " : "") + all[i];
+  if (noise_is_doubtful(report)) {
+    noise.severity = Severity::doubt;
+    noise.cure = taken_for_noise(report)
+                     ? "are joints and sensors that noisy? Then state it in the rig. Else the "
+                       "robot has what is not estimated (gears: `group` gears; play, bending, an "
+                       "error of a sensor), and sigmas are too small for that" +
+                           noisiest_words(report)
+                     : "state in the rig what you know of the noise; if that of the joints is "
+                       "right: " +
+                           sensors_as_seen(report);
+  }
+  out.push_back(std::move(noise));
 }
 
 }  // namespace kincal

@@ -19,21 +19,13 @@ std::string own_errors_words(const Report& report);
 /// large, the result's sigmas are too small. Or --estimate-noise found a sensor far noisier than
 /// stated and kept the noise of joints, which may be the cause.
 bool noise_is_doubtful(const Report& report);
-/// What to write into a rig for the noise of its sensors, as the data show it.
-std::string sensors_as_seen(const Report& report);
 /// Warns of errors of readings that go with the posture: no noise, but what the model lacks.
-void warn_of_trends(const Report& report, Warnings& out);
-/// What to do where errors change from some sample on.
-constexpr char kCureOfJumps[] =
-    "calibrate what was recorded before that sample and from it on apart, and compare the two "
-    "(diff)";
+void warn_of_trends(const Report& report, Notices& out);
 /// Errors of readings that change from some sample on.
-void warn_of_jumps(const Report& report, Warnings& out);
-/// What to do about these.
-std::string cure_of_trends(const Report& report);
+void warn_of_jumps(const Report& report, Notices& out);
 /// Warns of joints that are far less noisy than stated, where that was not estimated.
-void warn_of_quiet_joints(const Report& report, Warnings& out);
+void warn_of_quiet_joints(const Report& report, Notices& out);
 /// Warns where sigmas were estimated from the data (the automatic path, --estimate-noise).
-void warn_of_noise(const Report& report, Warnings& out);
+void warn_of_noise(const Report& report, Notices& out);
 
 }  // namespace kincal

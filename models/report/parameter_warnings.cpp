@@ -3,13 +3,18 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
+#include "../analysis/hand_eye.h"
 #include "../rig/numbers.h"
 #include "cases.h"
 #include "free_zeros.h"
 
 namespace kincal {
 namespace {
+
+constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;  // of a mount: unfit for use
+constexpr double kOpen = 10;  // times as loose: where it is, is not known at all
 
 /// "0.0114 m" or "1.2 degrees"; "" of other units, and of what is known well.
 std::string loose_text(const std::string& unit, double sigma) {
@@ -25,17 +30,16 @@ bool is_held_at_its_prior(const Solution& solution, const ParameterEstimate& e, 
 }
 
 /// Warns of poses that are known no better than the zero of the first or last joint.
-void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Warnings& out) {
+void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Notices& out) {
   if (poses.empty()) return;
   std::stable_sort(poses.begin(), poses.end(),
                    [](const Case& a, const Case& b) { return a.size > b.size; });
-  const Warning of_base{"base_frame", "", {}};
-  const Warning of_last{"last_zero", "", {}};
-  Warning warning = zero.at_base ? of_base : of_last;
+  Notice warning =
+      make_notice(zero.at_base ? NoticeKind::base_frame : NoticeKind::last_zero, {}, "");
   std::vector<std::string> words;
   for (const Case& c : poses) {
-    warning.names.push_back(c.name);
-    words.push_back(c.name + " (" + c.text + ")");
+    warning.where.push_back(c.what);
+    words.push_back(c.what.name + " (" + c.text + ")");
   }
   const bool one = zero.numbers.size() == 1;
   const std::string number = one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") +
@@ -43,18 +47,18 @@ void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Warnings& out) 
                                  : "numbers of the joints (" + listed(zero.numbers, kNamed) + ")";
   const char* same = one ? "one number" : "the same numbers";
   const std::string poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
-  warning.text =
-      zero.at_base
-          ? poses_are + " known no better than where the base frame is: that and " + number +
-                " are " + same +
-                ", the base frame's own choice. No posture tells it, nothing that is measured "
-                "depends on it, and it does no harm. Hold "
-          : poses_are + " known no better than " + number + (one ? ", the last one" : "") +
-                ": they are " + same +
-                ". No posture tells it, and nothing that is measured depends on it; a tool that "
-                "sits there is where the rig says only up to this. Hold ";
-  warning.text += listed(zero.numbers, kNamed) + " (`fix`) to take the rig's value" +
-                  (one ? "" : "s") + " for " + (one ? "it" : "them");
+  warning.what = zero.at_base
+                     ? poses_are + " known no better than where the base frame is: that and " +
+                           number + " are " + same + ", the base frame's own choice"
+                     : poses_are + " known no better than " + number +
+                           (one ? ", the last one" : "") + ": they are " + same;
+  warning.why = zero.at_base
+                    ? "no posture tells it, nothing that is measured depends on it, and it "
+                      "does no harm"
+                    : "no posture tells it, and nothing that is measured depends on it; a "
+                      "tool that sits there is where the rig says only up to this";
+  warning.cure = "to take the rig's value" + std::string(one ? "" : "s") + " for " +
+                 (one ? "it" : "them") + ", hold " + listed(zero.numbers, kNamed) + " (`fix`)";
   out.push_back(std::move(warning));
 }
 
@@ -71,7 +75,7 @@ std::string prior_text(const Report& report, const std::string& name, double fro
 
 }  // namespace
 
-void warn_of_movements(const Solution& solution, Warnings& out) {
+void warn_of_movements(const Solution& solution, Notices& out) {
   std::vector<std::string> explained = solution.identity_starts;  // elsewhere
   for (const ReplacedStart& start : solution.replaced_starts) explained.push_back(start.name);
   if (solution.status == Status::converged)
@@ -86,23 +90,127 @@ void warn_of_movements(const Solution& solution, Warnings& out) {
     if (!(moved > 1) && !(turned > 1)) continue;
     const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
                       by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
-    poses.push_back({e.name,
+    poses.push_back({Subject::parameter(e.name),
                      e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
                          " from its initial value",
                      std::max(moved, turned)});
   }
-  if (poses.empty()) return;
-  warn("moved", "poses moved by more than 0.1 m or 10 degrees", std::move(poses), out);
-  out.back().text +=
-      ". What to do: look whether the robot is like that, and correct the pose in the rig; else "
-      "its "
-      "link or what it sees is another, or it takes up another mistake";
+  warn(
+      NoticeKind::moved, "poses moved by more than 0.1 m or 10 degrees", std::move(poses),
+      "look whether the robot is like that, and correct the pose in the rig; else its link or what "
+      "it sees is another, or it takes up another mistake",
+      out);
 }
 
-void warn_of_parameters(const Report& report, Warnings& out) {
-  const std::string kDo = ". What to do: ";
-  std::vector<Case> priors, sigmas;
-  std::map<std::string, std::string> cures;  // by component
+namespace {
+
+/// Whether one of the parameters so far from their priors is more than the worst of so many by
+/// chance: of a prior that the user stated each is, of the parameters of groups one in a hundred
+/// calibrations would have such a one.
+bool prior_is_doubtful(const Report& report) {
+  constexpr double kRarely = 0.01, kSigmas = 3;
+  if (report.automatic.empty() || !report.doubted.empty()) return true;
+  std::set<std::string> grouped;
+  double told = 0, worst = 0;
+  for (const AutomaticGroup& g : report.automatic) {
+    if (!g.held) told += g.gamma;
+    for (const AutomaticNumber& n : g.numbers) {
+      grouped.insert(n.name);
+      if (!n.held && n.width > 0) worst = std::max(worst, std::abs(n.value) / n.width);
+    }
+  }
+  for (const ParameterEstimate& e : report.solution.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c)
+      if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > kSigmas * e.prior[c] &&
+          !grouped.count(e.component_name(c)))
+        return true;
+  return told * std::erfc(worst / std::sqrt(2.0)) < kRarely;
+}
+
+/// The pose component that is known worst, and how many times as badly as a mount may be.
+struct LooseComponent {
+  const ParameterEstimate* pose = nullptr;
+  size_t component = 0;
+  double times = 1;
+  std::string size = "";  // of a target, that would have to be known
+};
+
+LooseComponent loosest(const Report& report) {
+  const Untold& unknown = untold(report);
+  LooseComponent out;
+  for (const ParameterEstimate& e : report.solution.parameters)
+    for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
+      const JudgedSigma judged = judged_sigma(unknown, e, c);
+      const double times = judged.sigma / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
+      if (times > out.times) out = {&e, c, times, judged.size};
+    }
+  return out;
+}
+
+/// Says why the worst of these is known so badly, and what to do.
+void explain_loose(const Report& report, const ParameterEstimate& e, size_t c,
+                   const std::string& size, Notice& out) {
+  const MotionLack lack =
+      out.severity == Severity::fault ? motion_lack(*report.solution.recording) : MotionLack();
+  if (const std::string height = height_to_hold(report, e, c); !height.empty()) {
+    out.why =
+        "all that moves turns about one direction only, so along it the places of what is "
+        "mounted at the base and at the other end are one parameter, which no posture tells";
+    out.cure = hold_words(height);
+  } else if (!size.empty()) {
+    out.why = "the data do not determine " + size;
+    out.cure = measure_words(size);
+  } else if (!lack.why.empty()) {
+    out.why = lack.why;
+    out.cure = lack.cure;
+  } else {
+    out.cure = "record more varied postures" +
+               (out.severity == Severity::fault ? ", or give " + e.name + " a prior" : "");
+  }
+}
+
+}  // namespace
+
+bool has_open_mount(const Report& report) { return loosest(report).times > kOpen; }
+
+bool hangs_on_a_size(const Report& report) { return !loosest(report).size.empty(); }
+
+std::optional<Notice> loose_parameters(const Report& report) {
+  struct Worst {
+    const ParameterEstimate* parameter = nullptr;
+    size_t component = 0;
+    double size = 0;
+    std::string of;
+  } worst;
+  std::vector<Case> sigmas;
+  const Untold& unknown = untold(report);
+  const LooseComponent loose = loosest(report);
+  for (const ParameterEstimate& e : report.solution.parameters)
+    for (size_t c = 0; c < e.value.size(); ++c) {
+      const std::string known = loose_text(e.units[c], e.sigma[c]);
+      const JudgedSigma judged = judged_sigma(unknown, e, c);
+      const bool first = &e == loose.pose && c == loose.component;  // of all: it is unfit for use
+      if (!first && (known.empty() || loose_text(e.units[c], judged.sigma).empty() ||
+                     is_held_at_its_prior(report.solution, e, c)))
+        continue;
+      const double size = first ? kInfinity : e.sigma[c] / loose_from(e.units[c]);
+      const std::string name = e.component_name(c);
+      sigmas.push_back(
+          {Subject::parameter(name), name + " is known to " + known + " only (one sigma)", size});
+      if (size > worst.size) worst = {&e, c, size, judged.size};
+    }
+  if (sigmas.empty()) return std::nullopt;
+  Notice out =
+      notice_of(NoticeKind::sigma, "parameters are known to no better than 1 cm or 1 degree",
+                std::move(sigmas));
+  if (loose.pose) out.severity = Severity::fault;
+  explain_loose(report, *worst.parameter, worst.component, worst.of, out);
+  return out;
+}
+
+void warn_of_parameters(const Report& report, Notices& out) {
+  const bool automatic = !report.automatic.empty();
+  std::vector<Case> priors;
   const Untold& unknown = untold(report);
   std::map<const FreeZero*, std::vector<Case>> chosen;
   for (const ParameterEstimate& e : report.solution.parameters)
@@ -110,39 +218,28 @@ void warn_of_parameters(const Report& report, Warnings& out) {
       const std::string name = e.component_name(c);
       const double from_prior = e.prior[c] > 0 ? (e.value[c] - e.initial[c]) / e.prior[c] : 0;
       if (std::abs(from_prior) > 3)
-        priors.push_back({name, prior_text(report, name, from_prior), std::abs(from_prior)});
+        priors.push_back(
+            {Subject::parameter(name), prior_text(report, name, from_prior), std::abs(from_prior)});
       const std::string known = loose_text(e.units[c], e.sigma[c]);
-      if (known.empty()) continue;
-      const double yardstick = loose_from(e.units[c]);
+      if (known.empty() || is_held_at_its_prior(report.solution, e, c)) continue;
       const JudgedSigma judged = judged_sigma(unknown, e, c);
-      if (is_held_at_its_prior(report.solution, e, c)) continue;
       if (loose_text(e.units[c], judged.sigma).empty())
-        chosen[judged.zero].push_back({name, known, e.sigma[c] / yardstick});
-      else
-        sigmas.push_back(
-            {name, name + " is known to " + known + " only (one sigma)", e.sigma[c] / yardstick});
-      const std::string height = height_to_hold(report, e, c);
-      cures[name] = !height.empty()        ? kDo + hold_words(height)
-                    : !judged.size.empty() ? ", for the data do not tell " + judged.size + kDo +
-                                                 measure_words(judged.size)
-                                           : kDo + "record more varied postures";
+        chosen[judged.zero].push_back(
+            {Subject::parameter(name), known, e.sigma[c] / loose_from(e.units[c])});
     }
-  warn("prior",
-       report.automatic.empty() ? "parameters are more than 3 prior sigmas from their priors"
-                                : "parameters are off by more than 3 times what is usual here",
-       std::move(priors), out);
-  if (!out.empty() && out.back().id == "prior")
-    out.back().text +=
-        report.automatic.empty()
-            ? kDo + "see which of the two is wrong, the prior or the data"
-            : kDo +
-                  "compare this number with the robot; if it is right, look for another "
-                  "mistake that it takes up";
-  if (!sigmas.empty()) {
-    warn("sigma", "parameters are known to no better than 1 cm or 1 degree", std::move(sigmas),
-         out);
-    out.back().text += cures[out.back().names[0]];
+  if (!priors.empty()) {
+    out.push_back(notice_of(
+        NoticeKind::prior,
+        automatic ? "parameters are off by more than 3 times what is usual here"
+                  : "parameters are more than 3 prior sigmas from their priors",
+        std::move(priors), "",
+        automatic
+            ? "compare this parameter with the robot; if it is right, look for another mistake "
+              "that it takes up (`check`)"
+            : "see which of the two is wrong, the prior or the data"));
+    if (!prior_is_doubtful(report)) out.back().severity = Severity::remark;
   }
+  if (std::optional<Notice> loose = loose_parameters(report)) out.push_back(std::move(*loose));
   for (const FreeZero& zero : unknown.zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
 }
 

@@ -29,18 +29,18 @@ namespace kincal {
 
 constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
 
-/// A Warning is something to know before the result is used: `id` as in the formats, one warning an
-/// id; a sentence about the worst and how many there are; and the names of all that it is about.
-struct Warning {
-  std::string id, text;
-  std::vector<std::string> names;
-};
-
-/// A Verdict says whether to use a result: `use` is good, doubts or no; why, and what to do next.
+/// A Verdict says whether to use a result: `use` is good, doubts or no; why (a clause), what to do
+/// next (clauses), and which notices say more; sentences() makes one paragraph of it.
 struct Verdict {
-  std::string use, text;
-  std::vector<std::string> next = {};  // what to do, where it is not what findings ask for
+  std::string use, why;
+  std::vector<std::string> next = {};
+  std::optional<NoticeKind> about = {};  // the finding or warning that decided
+  std::vector<NoticeKind> see = {};      // other warnings
+  std::vector<std::string> held = {};    // parameters fixed because the data do not determine them
+  std::vector<std::string> unmet = {};   // requirements
 };
+/// Returns a verdict as one paragraph.
+std::string sentences(const Verdict& verdict);
 
 /// NoiseRounds are how the estimation of the noise went.
 struct NoiseRounds {
@@ -51,7 +51,7 @@ struct NoiseRounds {
 };
 
 struct Report {
-  std::vector<Finding> input;  // what rig and samples show by themselves, before any fit
+  Notices input;  // what rig and samples show by themselves, before any fit
   Solution solution;
   Residuals residuals;
   std::vector<NoiseLevel> noise_levels;        // of the last step's sensors and joints
@@ -79,8 +79,8 @@ struct Report {
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)
   std::vector<LoopView> loop_views;              // what these are the root mean squares of
   Validation validation;
-  std::string unexplained;  // why the model does not explain the data; empty: it does
-  std::vector<Warning> warnings;
+  std::optional<Notice> unexplained;  // why the model does not explain the data
+  Notices warnings;                   // one of a kind
   Verdict verdict;
   mutable std::shared_ptr<const struct Untold>
       untold;  // what untold() found (free_zeros.h); null: not yet

@@ -114,46 +114,48 @@ std::string scale_words(const UncheckedScale& scale) {
 
 }  // namespace
 
-void warn_of_scales(const Report& report, Warnings& out) {
+void warn_of_scales(const Report& report, Notices& out) {
   const bool free = std::any_of(report.unchecked.begin(), report.unchecked.end(),
                                 [](const UncheckedScale& s) { return !of_joint(s); });
   if (report.solution.usable() && free) {
     const Places all = places(report.solution);
     const Scale scale = common_scale(all);
     if (!all.targets.empty() && std::abs(scale.factor - 1) > kScaled && scale.by_chance < kByChance)
-      out.push_back(
-          {"scale",
-           "all lengths between sensors and targets came out " +
-               text("%.3g times those of the rig", scale.factor) +
-               text(" (by chance: %.1g %%), and where the squares of ", 100 * scale.by_chance) +
-               (all.targets.size() == 1 ? "target " : "targets ") + joined(all.targets) +
-               text(" are taken %.3g times as large they are as the rig has them",
-                    1 / scale.factor) +
-               ": nothing else tells the scale. What to do: measure the squares, over many fields, "
-               "and correct the rig; if they are right, correct the poses",
-           all.targets});
+      out.push_back(make_notice(
+          NoticeKind::scale, subjects(Subject::Kind::target, all.targets),
+          "all lengths between sensors and targets came out " +
+              text("%.3g times those of the rig", scale.factor) +
+              text(" (by chance: %.1g %%), and where the squares of ", 100 * scale.by_chance) +
+              (all.targets.size() == 1 ? "target " : "targets ") + joined(all.targets) +
+              text(" are taken %.3g times as large they are as the rig has them",
+                   1 / scale.factor) +
+              ": nothing else tells the scale",
+          "",
+          "measure the squares, over many fields, and correct the rig; if they are right, correct "
+          "the poses"));
   }
   if (const auto& arm = report.arm_scale; report.solution.usable() && arm &&
                                           arm->gain > kEvidenceOfScale &&
                                           std::abs(arm->factor - 1) > kArmScaled)
-    out.push_back({"arm_scale",
-                   "all lengths of the arm came out " +
-                       text("%.4g +- %.2g times the URDF's", arm->factor, arm->sigma) +
-                       ", as if what " + joined(arm->sensors) +
-                       (arm->sensors.size() == 1 ? " measures" : " measure") +
-                       " had another unit or scale. What to do: measure a known distance with it; "
-                       "if that is right, measure a link, and correct the URDF",
-                   arm->sensors});
+    out.push_back(make_notice(NoticeKind::arm_scale, subjects(Subject::Kind::sensor, arm->sensors),
+                              "all lengths of the arm came out " +
+                                  text("%.4g +- %.2g times the URDF's", arm->factor, arm->sigma) +
+                                  ", as if what " + joined(arm->sensors) +
+                                  (arm->sensors.size() == 1 ? " measures" : " measure") +
+                                  " had another unit or scale",
+                              "",
+                              "measure a known distance with it; if that is right, measure a link, "
+                              "and correct the URDF"));
   for (const UncheckedScale& scale : report.unchecked)
-    out.push_back(
-        {"unchecked",
-         "nothing in the data checks " + scale_words(scale) + ": were they one percent wrong, " +
-             scale.worst + " would come out elsewhere by " + shown_text(scale.moved, scale.unit) +
-             text(", %.2g times its sigma, with residuals as small. What to do: ", scale.sigmas) +
-             (of_joint(scale) ? "compare a long way of the joint with a ruler, or say how well the "
-                                "other number is known (priors)"
-                              : "measure over many fields, and see that the rig says that"),
-         scale.scales});
+    out.push_back(make_notice(
+        NoticeKind::unchecked, subjects(Subject::Kind::parameter, scale.scales),
+        "nothing in the data checks " + scale_words(scale) + ": were they one percent wrong, " +
+            scale.worst + " would come out elsewhere by " + shown_text(scale.moved, scale.unit) +
+            text(", %.2g times its sigma, with residuals as small", scale.sigmas),
+        "",
+        of_joint(scale) ? "compare a long way of the joint with a ruler, or say how well the other "
+                          "parameter is known (priors)"
+                        : "measure over many fields, and see that the rig says that"));
 }
 
 std::string unchecked_words(const Report& report) {

@@ -19,7 +19,7 @@ namespace kincal {
 
 /// Warns of a common scale (`scale`; of an arm whose lengths sensors measure: `arm_scale`), and of
 /// lengths that nothing checks (`unchecked`).
-void warn_of_scales(const Report& report, Warnings& out);
+void warn_of_scales(const Report& report, Notices& out);
 
 /// Returns what a good result hangs on, in words: "the squares of target 'board'"; "": nothing.
 std::string unchecked_words(const Report& report);

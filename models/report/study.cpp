@@ -14,6 +14,7 @@
 #include "../trials/estimate_noise.h"
 #include "exchanged.h"
 #include "input_warnings.h"
+#include "parameter_warnings.h"
 #include "verdict.h"
 #include "warnings.h"
 #include "wrong_length.h"
@@ -163,7 +164,7 @@ bool of_stated_size(const Solution& solution) {
 
 /// Whether a mistake explains the data, but for noise, or clearly and but for as much as the
 /// geometry of a robot makes, which is held there.
-bool explains(const Finding& f, long dof) {
+bool explains(const Notice& f, long dof) {
   constexpr double kNoise = 3, kOfTheRobot = 25, kClearly = 100;  // chi2/dof; share of chi2
   if (!f.chi2_corrected) return false;
   const double left = *f.chi2_corrected / static_cast<double>(dof);
@@ -172,8 +173,8 @@ bool explains(const Finding& f, long dof) {
 }
 
 bool explains_all(const Diagnosis& diagnosis) {
-  return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Finding& f) {
-    return f.id != "sigma" && explains(f, diagnosis.dof);
+  return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Notice& f) {
+    return can_spoil_the_fit(f.kind) && explains(f, diagnosis.dof);
   });
 }
 
@@ -198,9 +199,10 @@ void look_with_less_free_first(const Rig& given, const Rig& freed,
 /// Drops what a fit of all samples refutes: samples that do not belong, and what explains less.
 void drop_what_the_fit_refutes(Report& report) {
   if (report.noise_estimated || !of_stated_size(report.solution)) return;
-  std::vector<Finding>& findings = report.diagnosis->findings;
-  const auto refuted = [&](const Finding& f) {
-    return f.id == "bad-samples" || (f.chi2_corrected && !explains(f, report.diagnosis->dof));
+  Notices& findings = report.diagnosis->findings;
+  const auto refuted = [&](const Notice& f) {
+    return f.kind == NoticeKind::bad_samples ||
+           (f.chi2_corrected && !explains(f, report.diagnosis->dof));
   };
   findings.erase(std::remove_if(findings.begin(), findings.end(), refuted), findings.end());
 }
@@ -373,9 +375,9 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   if (options.diagnose && !as_stated) {
     const Recording& recording = *report.solution.recording;
     add_diagnosis(recording.rig, recording.samples, options, report);
-    const std::vector<Finding>& findings = report.diagnosis->findings;
+    const Notices& findings = report.diagnosis->findings;
     if (std::any_of(findings.begin(), findings.end(),
-                    [](const Finding& f) { return f.id != "sigma" && f.id != "outside-image"; }))
+                    [](const Notice& f) { return can_spoil_the_fit(f.kind); }))
       return;
     report.diagnosis.reset();
   }
@@ -602,11 +604,12 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                badly = solution.status != Status::converged ||
                        solution.chi2_data > kUnexplained * solution.dof_data;
     // (Where a pose that nobody gave is held in part, that is why: other mistakes cannot be told.)
-    const std::string held =
-        badly && recording->rig.steps.empty() ? counts_from_identity(solution) : "";
-    if (undefined && !held.empty())
-      report.solution.message = held + ". So no calibration can start: " + report.solution.message;
-    if (held.empty() &&
+    const std::optional<Notice> held =
+        badly && recording->rig.steps.empty() ? counts_from_identity(solution) : std::nullopt;
+    if (undefined && held)
+      report.solution.message =
+          sentences(*held) + ". So no calibration can start: " + report.solution.message;
+    if (!held &&
         (options.diagnose ? badly
                           : whole && solution.usable() && data_misfit(report) > kMistaken) &&
         !report.diagnosis) {
@@ -623,7 +626,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                                    automatic_options(options), report))
         return std::nullopt;
     if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
-      std::vector<Finding> other = not_as_given(solution, report.residuals);
+      Notices other = not_as_given(solution, report.residuals);
       if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);
     }
   } catch (const StudyCancelled&) {
@@ -633,13 +636,13 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   if (recording->rig.steps.empty() && report.solution.status == Status::converged &&
       has_open_mount(report)) {
     report.solution.status = Status::unobservable;
-    report.solution.message = loose_mount(report);
+    report.solution.message = sentences(loose_parameters(report).value());
   }
   report.unexplained = why_unexplained(report);
-  if (!report.unexplained.empty() && report.solution.status == Status::converged &&
+  if (report.unexplained && report.solution.status == Status::converged &&
       options.calibration.last_step.empty()) {
     report.solution.status = Status::unexplained;
-    report.solution.message = report.unexplained;
+    report.solution.message = sentences(*report.unexplained);
   }
   report.warnings = warnings(report);
   report.verdict = verdict(report);

@@ -18,42 +18,43 @@ std::string shown_text(double value, const std::string& unit) {
   return text("%.3g ", value * (thousandths ? 1e3 : 1)) + (thousandths ? "m" : "") + unit;
 }
 
-void warn_of_doubted_priors(const Report& report, Warnings& out) {
+void warn_of_doubted_priors(const Report& report, Notices& out) {
   for (const DoubtedPrior& prior : report.doubted)
-    out.push_back({"prior",
-                   "the data contradict the rig's prior on " + prior.pattern +
-                       text(": with one %.2g times as wide they are far more likely (log "
-                            "evidence %+.3g). With the prior as it is other numbers take "
-                            "the place of these; correct it, or leave it away",
-                            prior.factor, prior.gain),
-                   {prior.pattern}});
+    out.push_back(make_notice(
+        NoticeKind::prior, {{Subject::Kind::prior, prior.pattern}},
+        "the data contradict the rig's prior on " + prior.pattern +
+            text(": with one %.2g times as wide they are far more likely (log evidence %+.3g)",
+                 prior.factor, prior.gain),
+        "with the prior as it is other parameters take the place of these",
+        "see which of the two is wrong, the prior or the data; correct it, or leave it away"));
 }
 
-void warn_of_use(const Residuals& residuals, Warnings& out) {
+void warn_of_use(const Residuals& residuals, Notices& out) {
   constexpr double kWorse = 1.1;  // times as large
   const bool held_out = std::any_of(residuals.sensors.begin(), residuals.sensors.end(),
                                     [](const SensorResult& s) { return s.test.points > 0; });
-  std::vector<std::string> worse, names;
+  std::vector<std::string> worse;
+  Subjects where;
   for (const SensorResult& s : residuals.sensors) {
     const SplitStatistics& errors = held_out ? s.test : s.train;
     if (errors.rms_as_read < errors.rms_before) return;  // something is better: a trade
     if (!(errors.rms_as_read > kWorse * errors.rms_before)) continue;
-    names.push_back(s.name);
+    where.push_back(Subject::sensor(s.name));
     worse.push_back("sensor '" + s.name + "' " + shown_text(errors.rms_as_read, s.unit) +
                     ", before " + shown_text(errors.rms_before, s.unit));
   }
   if (worse.empty()) return;
-  out.push_back({"in_use",
-                 std::string("in use, with joint readings taken as they are, errors are larger "
-                             "than before") +
-                     (held_out ? ", on data that were held out: " : ": ") + listed(worse, kNamed) +
-                     ". Either readings are stated noisier than they are (state what is seen), or "
-                     "what the model lacks was taken for their noise. Do not replace the robot's "
-                     "numbers by these",
-                 names});
+  out.push_back(make_notice(
+      NoticeKind::in_use, std::move(where),
+      std::string("in use, with joint readings taken as they are, errors are larger than before") +
+          (held_out ? ", on data that were held out: " : ": ") + listed(worse, kNamed),
+      "either readings are stated noisier than they are, or what the model lacks was taken for "
+      "their noise",
+      "state the noise of the joints that is seen, calibrate again, and keep the robot's own "
+      "numbers until errors in use are smaller"));
 }
 
-void warn_of_contradicted(const Report& report, Warnings& out) {
+void warn_of_contradicted(const Report& report, Notices& out) {
   // Times as large as in the training, and more where that has few samples: what was fitted to ten
   // was up to 6.5 times as large on others (2 of 80 right robots); points of a sensor that tell.
   const double worst =
@@ -67,14 +68,15 @@ void warn_of_contradicted(const Report& report, Warnings& out) {
                                   [](const SensorResult& s) { return s.test.points > 0; });
   if (!any) return;
   if (!judged) {
-    out.push_back({"contradicted",
-                   "no held-out sample can be evaluated at the estimate (a point lies behind a "
-                   "camera): they contradict the calibration, which is not validated. What to do: "
-                   "look at these samples; if they are right the calibration is wrong",
-                   {}});
+    out.push_back(make_notice(
+        NoticeKind::contradicted, {},
+        "no held-out sample can be evaluated at the estimate (a point lies behind a camera): they "
+        "contradict the calibration, which is not validated",
+        "", "look at these samples; if they are right the calibration is wrong"));
     return;
   }
-  std::vector<std::string> worse, names;
+  std::vector<std::string> worse;
+  Subjects where;
   for (const SensorResult& s : sensors) {
     const auto mean = [](const SplitStatistics& split) {
       return split.whitened_squared / static_cast<double>(std::max(1L, split.whitened_count));
@@ -84,21 +86,21 @@ void warn_of_contradicted(const Report& report, Warnings& out) {
                reads = !(s.test.rms_as_read > worst * s.train.rms_as_read) ||
                        !(s.test.rms_as_read > worst * s.train.rms);
     if (fits && reads) continue;
-    names.push_back(s.name);
+    where.push_back(Subject::sensor(s.name));
     worse.push_back("sensor '" + s.name + "' " +
                     shown_text(fits ? s.test.rms_as_read : s.test.rms, s.unit) + ", of training " +
                     shown_text(fits ? s.train.rms_as_read : s.train.rms, s.unit));
   }
   if (worse.empty()) return;
-  out.push_back({"contradicted",
-                 "held-out samples contradict the calibration: " + listed(worse, kNamed) +
-                     ". What to do: look at the held-out samples; if they are right the "
-                     "calibration holds for the postures of the training only, or not at all",
-                 names});
+  out.push_back(make_notice(
+      NoticeKind::contradicted, std::move(where),
+      "held-out samples contradict the calibration: " + listed(worse, kNamed), "",
+      "look at the held-out samples: if they are right the calibration holds for the postures of "
+      "the training only, or not at all"));
 }
 
 /// So many outliers that the majority need not be right.
-void warn_of_rejected(const Report& report, Warnings& out) {
+void warn_of_rejected(const Report& report, Notices& out) {
   std::set<std::string> samples;
   for (const Rejected& r : report.rejected)
     if (r.sensor.empty()) samples.insert(r.sample);
@@ -110,17 +112,16 @@ void warn_of_rejected(const Report& report, Warnings& out) {
       wide += (wide.empty() ? "" : ", ") + group.name + text(" (%.2g times)", group.factor);
   if (!wide.empty())
     wide = ". What is left asks for errors of the robot far beyond the usual: " + wide;
-  out.push_back(
-      {"rejected",
-       std::to_string(samples.size()) + " of " + std::to_string(all) +
-           " training samples were taken out as outliers. Among so many the good ones may "
-           "be those that were taken out: look at both parts before the result is used" +
-           wide,
-       {samples.begin(), samples.end()}});
+  out.push_back(make_notice(NoticeKind::rejected,
+                            subjects(Subject::Kind::sample, {samples.begin(), samples.end()}),
+                            std::to_string(samples.size()) + " of " + std::to_string(all) +
+                                " training samples were taken out as outliers",
+                            "among so many the good ones may be those that were taken out" + wide,
+                            "look at both parts before the result is used"));
 }
 
 /// A calibration that is worse than one that leaves the robot as it is.
-void warn_of_held_out(const Validation& validation, Warnings& out) {
+void warn_of_held_out(const Validation& validation, Notices& out) {
   if (!validation.baselines) return;
   std::string list;
   for (const Baseline& b : validation.baselines->rows)
@@ -130,13 +131,12 @@ void warn_of_held_out(const Validation& validation, Warnings& out) {
               shown_text(b.mounts, b.unit) + text(" (%.3g times, 95 %% ", b.ratio) +
               text("%.3g to %.3g)", b.of_ratio.low, b.of_ratio.high);
   if (!list.empty())
-    out.push_back(
-        {"held_out",
-         "on data that it did not use this calibration is worse than its mounts alone: " + list +
-             ". Too many numbers are free for these data, or a mistake somewhere is "
-             "taken up by the arm's numbers: use the result for its mounts at most, "
-             "leave groups out, and look for mistakes",
-         {}});
+    out.push_back(make_notice(
+        NoticeKind::held_out, {},
+        "on data that it did not use this calibration is worse than its mounts alone: " + list,
+        "too many parameters are free for these data, or the arm's parameters take up a mistake",
+        "use the result for its mounts at most, leave groups out (`no_group`), and look for "
+        "mistakes (`check`)"));
 }
 
 }  // namespace kincal

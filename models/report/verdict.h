@@ -6,6 +6,7 @@
 // view do not err alike, as they do where something is bent, turned or shifted.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "report.h"
@@ -18,18 +19,12 @@ constexpr double kBeyondNoise = 100;  // chi2/dof at which noise or model are wr
 /// Returns chi2/dof of the data. Where the last step has a loss, which is there for what does not
 /// fit, it is that of the middle view. NaN: there are no degrees of freedom.
 double data_misfit(const Report& report);
-/// Returns why the model does not explain the data, which of the two is likelier and what to do; ""
-/// where it does, or where there is no solution to judge.
-std::string why_unexplained(const Report& report);
-/// Names the pose that is known worst, if that is no better than what a mount is good for, and what
-/// to do; "" where all are better. (What the zero of the first or last joint decides does not
-/// count: free_zeros.h.)
-std::string loose_mount(const Report& report);
-/// Returns whether a pose is known to no better than 0.3 m or 30 degrees.
-bool has_open_mount(const Report& report);
-/// Whether the number of a pose that is known worst would be known if a target's size were.
-bool hangs_on_a_size(const Report& report);
-/// Returns the verdict of a report that is otherwise complete.
+/// Returns why the model does not explain the data, which of the two is likelier and what to do;
+/// nothing where it does, or where there is no solution to judge.
+std::optional<Notice> why_unexplained(const Report& report);
+/// Returns the verdict of a report that is otherwise complete: `no` if a warning is a fault or the
+/// run did not converge, `doubts` if a finding or warning is a doubt, else `good`. It speaks of the
+/// first of these, and of what explains it before it.
 Verdict verdict(const Report& report);
 
 }  // namespace kincal

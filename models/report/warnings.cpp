@@ -32,9 +32,9 @@ bool falls_short(double ratio, double dof) {
   return dof > 0 && ratio < std::min(0.8, 1 - 4 * std::sqrt(2 / dof));
 }
 
+constexpr char kLookOrLeaveOut[] = "look at what was recorded there, or leave it out";
 constexpr double kMostOfIt = 0.5;  // of the squares: one sample
-constexpr char kLookOrState[] =
-    ". What to do: look for what is wrong, or state the sigmas that are seen";
+constexpr char kLookOrState[] = "look for what is wrong, or state the sigmas that are seen";
 
 std::string excess_text(double ratio) {
   return text("chi2/dof is %.3g: the residuals are larger than the rig's sigmas allow", ratio);
@@ -44,131 +44,159 @@ std::string count_text(size_t count, const char* what) {
   return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
 }
 
-void warn_of_starts(const Solution& solution, Warnings& out) {
-  Warning useless{"no_effect", "", solution.without_effect};
+void warn_of_starts(const Report& report, Notices& out) {
+  const Solution& solution = report.solution;
+  std::string useless;
   for (const std::string& message : solution.without_effect)
-    useless.text += (useless.text.empty() ? "" : "; ") + message;
-  if (!useless.text.empty()) out.push_back(std::move(useless));
+    useless += (useless.empty() ? "" : "; ") + message;
+  if (!useless.empty())
+    out.push_back(make_notice(NoticeKind::no_effect,
+                              subjects(Subject::Kind::part, solution.without_effect),
+                              std::move(useless)));
   std::vector<Case> identity, lost, contradicted, ambiguous;
-  for (const std::string& name : solution.identity_starts)
-    identity.push_back({name, identity_text(solution, name)});
+  std::string cure_of_identity;
+  for (const std::string& name : solution.identity_starts) {
+    const Notice one = identity_notice(solution, name);
+    identity.push_back({one.where[0], one.what});
+    cure_of_identity = one.cure;
+  }
   for (const std::string& name : solution.lost_starts) {
     const std::string reason = lost_start_text(solution, name);
-    if (!reason.empty()) lost.push_back({name, reason});
+    if (!reason.empty()) lost.push_back({Subject::parameter(name), reason});
   }
   for (const ReplacedStart& start : solution.replaced_starts)
     contradicted.push_back(
-        {start.name,
+        {Subject::parameter(start.name),
          start.name +
              text(": the data contradict the given pose; the estimate is %.3g m and %.3g degrees "
-                  "from it. ",
+                  "from it; ",
                   start.moved, start.turned * 180 / kPi) +
-             (start.cost_per_dof > 0 ? text("From there chi2/dof ended at %.3g", start.cost_per_dof)
-                                     : std::string("No calibration can start there")) +
-             ", so it was started where the data put it: correct it in the rig, or leave it away",
+             (start.cost_per_dof > 0 ? text("from there chi2/dof ended at %.3g", start.cost_per_dof)
+                                     : std::string("no calibration can start there")) +
+             ", so it was started where the data put it",
          start.moved + start.turned});
   for (const AmbiguousStart& start : solution.ambiguous_starts)
     ambiguous.push_back(
-        {start.first,
+        {Subject::parameter(start.first),
          start.first + " and " + start.second +
              text(" are absent from the rig, and several solutions fit the readings equally well "
-                  "(the next one is turned by %.3g degrees): ",
-                  start.turned * 180 / kPi) +
-             "give one of them a pose in the rig, or record more postures, as different as "
-             "possible"});
-  warn("identity", "poses start at the identity", std::move(identity), out);
-  warn("no_start", "poses have no start", std::move(lost), out);
-  warn("given_pose", "given poses contradict the data", std::move(contradicted), out);
-  warn("ambiguous_start", "pairs of poses are ambiguous", std::move(ambiguous), out);
+                  "(the next one is turned by %.3g degrees)",
+                  start.turned * 180 / kPi)});
+  if (!identity.empty()) {
+    out.push_back(notice_of(NoticeKind::identity, "poses start at the identity",
+                            std::move(identity), "", std::move(cure_of_identity)));
+    if (!report.automatic.empty()) out.back().severity = Severity::doubt;  // somebody held it there
+  }
+  warn(NoticeKind::no_start, "poses have no start", std::move(lost), "", out);
+  warn(NoticeKind::given_pose, "given poses contradict the data", std::move(contradicted),
+       "correct it in the rig, or leave it away", out);
+  warn(NoticeKind::ambiguous_start, "pairs of poses are ambiguous", std::move(ambiguous),
+       "give one of them a pose in the rig, or record more postures, as different as possible",
+       out);
 }
 
-void warn_of_undefined(const Residuals& residuals, Warnings& out) {
+void warn_of_undefined(const Residuals& residuals, Notices& out) {
   std::vector<Case> before, after;
   for (const UndefinedSample& sample : residuals.undefined)
     if (sample.before)
-      before.push_back({sample.id, "sample '" + sample.id +
-                                       "' cannot be evaluated at the rig's values (a point behind "
-                                       "a camera): it is missing from rms_before"});
+      before.push_back({Subject::sample(sample.id),
+                        "sample '" + sample.id +
+                            "' cannot be evaluated at the rig's values (a point behind "
+                            "a camera): it is missing from rms_before"});
     else
-      after.push_back({sample.id, "held-out sample '" + sample.id +
-                                      "' cannot be evaluated at the estimate (a point behind a "
-                                      "camera): it is missing from its rms"});
-  warn("undefined_before", "samples cannot be evaluated at the rig's values", std::move(before),
-       out);
-  warn("undefined", "held-out samples cannot be evaluated", std::move(after), out);
+      after.push_back({Subject::sample(sample.id),
+                       "held-out sample '" + sample.id +
+                           "' cannot be evaluated at the estimate (a point behind a "
+                           "camera): it is missing from its rms"});
+  warn(NoticeKind::undefined_before, "samples cannot be evaluated at the rig's values",
+       std::move(before), "", out);
+  warn(NoticeKind::undefined, "held-out samples cannot be evaluated", std::move(after), "", out);
 }
 
-void warn_of_unfinished(const std::vector<Unfinished>& unfinished, Warnings& out) {
+void warn_of_unfinished(const std::vector<Unfinished>& unfinished, Notices& out) {
   std::vector<Case> columns;
   for (const Unfinished& u : unfinished) {
     const std::string column =
         u.column + (u.train ? " of the training samples" : " of the held-out samples");
     columns.push_back(
-        {column,
+        {{Subject::Kind::part, column},
          column + " is not final: what was estimated to judge them did not converge in " +
              count_text(u.samples.size(), "sample") + ", first '" + u.samples.front() + "'",
          static_cast<double>(u.samples.size())});
   }
-  warn("unfinished", "columns are not final", std::move(columns), out);
+  warn(NoticeKind::unfinished, "columns are not final", std::move(columns), "", out);
 }
 
 /// The first step that did not converge, what it may come from, and what to do.
-void warn_of_steps(const Report& report, Warnings& out) {
+void warn_of_steps(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   for (const StepResult& s : solution.steps) {
     if (s.converged || s.repeated) continue;
-    std::string what = "free less, in more steps, or start nearer to the truth";
-    if (const Finding* first = first_mistake(report)) {
-      what = "first look at " + first->id + ": " + first->text;
-    } else if (const std::string held = counts_from_identity(solution); !held.empty()) {
-      what = held;
-    } else if (const std::string loose = loose_mount(report);
-               !loose.empty() && solution.chi2_per_dof() < kFitsWell) {
-      what = loose;
-    } else if (has_redescending_loss(solution, s.name)) {
-      what =
+    Notice notice = make_notice(
+        NoticeKind::not_converged, {{Subject::Kind::step, s.name}},
+        "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations",
+        "", "free less, in more steps, or start nearer to the truth");
+    const auto because = [&](const Notice& cause) {
+      notice.why = cause.what;
+      notice.cure = cause.cure;
+    };
+    const std::optional<Notice> identity = counts_from_identity(solution),
+                                loose = loose_parameters(report);
+    if (const Notice* first = first_mistake(report))
+      notice.cure =
+          std::string("first look at ") + id(first->kind) + ": " + first->what + ": " + first->cure;
+    else if (identity)
+      because(*identity);
+    else if (loose && loose->severity == Severity::fault && solution.chi2_per_dof() < kFitsWell)
+      because(*loose);
+    else if (has_redescending_loss(solution, s.name))
+      notice.cure =
           "converge first with loss huber or none, in a step before this one: from a rough start "
           "this loss leaves out what is right as well";
-    } else if (!report.outliers.empty()) {
-      what = "a calibration that rejects outliers takes them out, or look at the samples named";
-    }
-    out.push_back({"not_converged",
-                   "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) +
-                       " iterations. What to do: " + what,
-                   {s.name}});
+    else if (!report.outliers.empty())
+      notice.cure = "reject outliers (`reject`), or look at the samples named";
+    if (solution.status != Status::not_converged) notice.severity = Severity::remark;
+    out.push_back(std::move(notice));
     break;
   }
 }
 
-void warn_of_directions(const Report& report, Warnings& out) {
+void warn_of_directions(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   std::vector<Case> directions;
   for (size_t i = 0; i < solution.unobservable.size(); ++i) {
     std::string sum;
-    std::vector<std::string> numbers;
+    std::vector<std::string> parameters;
     for (const auto& c : solution.unobservable[i]) {
       sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
-      numbers.push_back(c.first);
+      parameters.push_back(c.first);
     }
     const std::vector<WeakDirection>& weak =
         report.explanation.weak;  // those of `unobservable` stand first
-    const std::string why = i < weak.size() ? weak[i].why + ". Cure: " + weak[i].cure
-                                            : "hold one of these or give it a prior";
-    directions.push_back({sum, "the data do not determine " + listed(numbers, kNamed) +
-                                   (numbers.size() > 1 ? " together: " : ": ") + why});
+    directions.push_back({{Subject::Kind::part, sum},
+                          "the data do not determine " + listed(parameters, kNamed) +
+                              (parameters.size() > 1 ? " together" : "") +
+                              (i < weak.size() ? ": " + weak[i].why : "")});
   }
-  warn("unobservable", "directions are not determined", std::move(directions), out);
+  if (directions.empty()) return;
+  const std::vector<WeakDirection>& weak = report.explanation.weak;
+  out.push_back(notice_of(NoticeKind::unobservable, "directions are not determined",
+                          std::move(directions), "",
+                          weak.empty() ? "hold one of these or give it a prior" : weak[0].cure));
+  if (solution.status != Status::unobservable) out.back().severity = Severity::remark;
 }
 
 /// A robot that did not turn enough, of mounts that are hardly known for that.
-void warn_of_motion(const Report& report, Warnings& out) {
+void warn_of_motion(const Report& report, Notices& out) {
   if (!report.solution.unobservable.empty() || !has_open_mount(report) || hangs_on_a_size(report))
     return;
   const MotionLack lack = motion_lack(*report.solution.recording);
-  if (!lack.why.empty()) out.push_back({"few_turns", lack.why + ". What to do: " + lack.cure, {}});
+  if (lack.why.empty()) return;
+  out.push_back(make_notice(NoticeKind::few_turns, {}, lack.why, "", lack.cure));
+  if (report.solution.status == Status::unobservable) out.back().severity = Severity::fault;
 }
 
-void warn_of_chi2(const Report& report, Warnings& out) {
+void warn_of_chi2(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   const double ratio = solution.chi2_per_dof();
   std::string whole;
@@ -184,28 +212,33 @@ void warn_of_chi2(const Report& report, Warnings& out) {
     const double count = static_cast<double>(s.train.whitened_count),
                  each = s.train.whitened_squared / count;
     if (exceeds(each, count))  // what the unknowns took makes it small: that says nothing
-      sensors.push_back({s.name,
+      sensors.push_back({Subject::sensor(s.name),
                          "sensor '" + s.name + "': " +
                              text("chi2/n is %.3g, its residuals are %.2g times its sigma", each,
                                   std::sqrt(each)),
                          each});
   }
-  Warnings parts;
-  warn("chi2", "sensors have larger residuals than their sigmas allow", std::move(sensors), parts);
-  if (parts.empty() && whole.empty()) return;
-  const bool larger = !parts.empty() || ratio > 1;
-  if (parts.empty()) parts.push_back({"chi2", "", {}});
-  parts[0].text =
-      whole + (whole.empty() || parts[0].text.empty() ? "" : "; ") + parts[0].text +
-      (larger ? kLookOrState : ". What to do: state those that are seen, or leave it so");
-  out.push_back(std::move(parts[0]));
+  if (sensors.empty() && whole.empty()) return;
+  const bool larger = !sensors.empty() || ratio > 1;
+  Notice notice =
+      sensors.empty()
+          ? make_notice(NoticeKind::chi2, {}, whole)
+          : notice_of(NoticeKind::chi2, "sensors have larger residuals than their sigmas allow",
+                      std::move(sensors));
+  if (!whole.empty() && notice.what != whole) notice.what = whole + "; " + notice.what;
+  notice.cure = larger ? kLookOrState
+                       : "state the sigmas that are seen (`estimate_noise`), or leave it at that: "
+                         "the errors are smaller than the sigmas say";
+  out.push_back(std::move(notice));
 }
 
-void warn_of_unexplained(const Report& report, Warnings& out) {
-  if (!report.unexplained.empty()) out.push_back({"unexplained", report.unexplained, {}});
+void warn_of_unexplained(const Report& report, Notices& out) {
+  if (!report.unexplained) return;
+  out.push_back(*report.unexplained);
+  if (report.solution.status != Status::unexplained) out.back().severity = Severity::doubt;
 }
 
-void warn_of_joint_errors(const Solution& solution, Warnings& out) {
+void warn_of_joint_errors(const Solution& solution, Notices& out) {
   struct Excess {
     int count = 0, sample = -1;
     double worst = 0, error = 0;  // sigmas; rad or m
@@ -228,7 +261,7 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
   for (const auto& x : excess) {
     const std::string name = rig.tree.joints[x.first].name;
     joints.push_back(
-        {name,
+        {Subject::joint(name),
          "joint '" + name + "': its error exceeds " + text("%.2g", limit) + " sigmas in " +
              count_text(static_cast<size_t>(x.second.count), "sample") + ", at worst " +
              text("%+.3g sigmas (%.3g %s) in sample '", x.second.worst, 1e3 * x.second.error,
@@ -236,13 +269,11 @@ void warn_of_joint_errors(const Solution& solution, Warnings& out) {
              solution.samples()[x.second.sample].id + "'",
          std::abs(x.second.worst)});
   }
-  if (joints.empty()) return;
-  warn("joint_error", text("joints have errors above %.2g sigmas", limit).c_str(),
-       std::move(joints), out);
-  out.back().text += ". What to do: look at these samples, or state more noise of these joints";
+  warn(NoticeKind::joint_error, text("joints have errors above %.2g sigmas", limit),
+       std::move(joints), "look at these samples, or state more noise of these joints", out);
 }
 
-void warn_of_joint_noise(const Report& report, Warnings& out) {
+void warn_of_joint_noise(const Report& report, Notices& out) {
   std::vector<const NoiseLevel*> noisy;
   for (const NoiseLevel& level : report.noise_levels)
     if (level.joint >= 0 && level.used == level.assumed && level.differs() &&
@@ -259,14 +290,15 @@ void warn_of_joint_noise(const Report& report, Warnings& out) {
                     ")");
   }
   if (!names.empty())
-    out.push_back(
-        {"joint_noise",
-         count_text(names.size(), "joint") +
-             " at least three times noisier than stated: " + listed(words, kShown) +
-             ". State the noise that is seen, or have it estimated; if they are that good, "
-             "the model lacks something of them (a gear, play) and the sigmas of the result "
-             "are too small",
-         names});
+    out.push_back(make_notice(
+        NoticeKind::joint_noise, subjects(Subject::Kind::joint, names),
+        count_text(names.size(), "joint") +
+            " at least three times noisier than stated: " + listed(words, kShown),
+        "if they are that good, the model lacks something of them (a gear, play) and the sigmas of "
+        "the result are too small",
+        "state the noise that is seen, or have the noise estimated (`estimate_noise`), if the "
+        "joints are that noisy; else look for what the model lacks of them: a gear, play, "
+        "bending"));
 }
 
 /// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
@@ -292,7 +324,7 @@ double largest_bend(const Solution& solution, int joint) {
 
 /// A URDF takes up offsets, and scales on demand; who reads no more than it loses the rest of a
 /// joint model.
-void warn_of_joint_models(const Solution& solution, Warnings& out) {
+void warn_of_joint_models(const Solution& solution, Notices& out) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
   std::vector<Case> bent;
@@ -306,44 +338,48 @@ void warn_of_joint_models(const Solution& solution, Warnings& out) {
       numbers +=
           (numbers.empty() ? "" : ", ") + p.name + text(" = %.6g", solution.values.shared(p.start));
     }
-    bent.push_back({rig.tree.joints[j].name,
+    bent.push_back({Subject::joint(rig.tree.joints[j].name),
                     "joint '" + rig.tree.joints[j].name +
                         "': a URDF cannot express its joint model (" + numbers +
                         "); a robot that takes the linear part alone is off by up to" +
                         text(" %.3g ", largest) + table.all[table.joint_offset[j]].units[0] +
-                        " in these samples. The numbers stand in the calibrated rig",
+                        " in these samples (the calibrated rig has all of them)",
                     largest});
   }
-  warn("joint_model", "joints have models that a URDF cannot express", std::move(bent), out);
+  warn(NoticeKind::joint_model, "joints have models that a URDF cannot express", std::move(bent),
+       "", out);
 }
 
-void warn_of_misfits(const char* id, const char* kind, const std::vector<Misfit>& found,
-                     Warnings& out) {
+void warn_of_misfits(NoticeKind kind, Subject::Kind of, const std::vector<Misfit>& found,
+                     Notices& out) {
   if (found.empty()) return;
-  std::vector<std::string> names, words;
+  Subjects where;
+  std::vector<std::string> words;
   for (const Misfit& misfit : found) {
-    names.push_back(misfit.name);
+    where.push_back({of, misfit.name});
     words.push_back(misfit.name + text(" (%.3g times)", std::sqrt(misfit.ratio)));
   }
-  out.push_back({id,
-                 count_text(found.size(), kind) +
-                     " with residuals or joint errors far beyond what is usual here: " +
-                     listed(words, kShown) +
-                     ". What to do: look at what was recorded there, or leave it out",
-                 names});
+  out.push_back(make_notice(
+      kind, std::move(where),
+      count_text(found.size(), of == Subject::Kind::view ? "view" : "sample") +
+          " with residuals or joint errors far beyond what is usual here: " + listed(words, kShown),
+      "", kLookOrLeaveOut));
 }
 
 /// What a robust fit names, in place of the samples and views that stick out of a plain one, which
 /// it may mislead.
-void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
+void warn_of_outliers(const std::vector<Rejected>& outliers, Notices& out) {
   struct Kind {
-    const char *id, *one, *many;
+    NoticeKind kind;
+    Subject::Kind of;
+    const char *one, *many;
     size_t count = 0;
     std::vector<std::string> names = {};
   };
-  Kind kinds[] = {{"outlier_sample", " sample does", " samples do"},
-                  {"outlier_view", " view does", " views do"},
-                  {"outlier_point", " point does", " points do"}};
+  Kind kinds[] = {
+      {NoticeKind::outlier_sample, Subject::Kind::sample, " sample does", " samples do"},
+      {NoticeKind::outlier_view, Subject::Kind::view, " view does", " views do"},
+      {NoticeKind::outlier_point, Subject::Kind::view, " point does", " points do"}};
   for (const Rejected& r : outliers) {
     Kind& kind = kinds[r.sensor.empty() ? 0 : r.ids.empty() ? 1 : 2];
     kind.count += std::max<size_t>(1, r.ids.size());
@@ -351,107 +387,79 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Warnings& out) {
   }
   for (const Kind& kind : kinds)
     if (kind.count > 0)
-      out.push_back({kind.id,
-                     "a robust fit finds that " + std::to_string(kind.count) +
-                         (kind.count == 1 ? kind.one : kind.many) +
-                         " not belong to the others: " + listed(kind.names, kShown) +
-                         "; a calibration that rejects outliers takes them out",
-                     kind.names});
+      out.push_back(make_notice(kind.kind, subjects(kind.of, kind.names),
+                                "a robust fit finds that " + std::to_string(kind.count) +
+                                    (kind.count == 1 ? kind.one : kind.many) +
+                                    " not belong to the others: " + listed(kind.names, kShown),
+                                "", std::string(kLookOrLeaveOut) + " (`reject` does)"));
 }
 
 /// Groups that came out much worse than such numbers usually are, and gears that the rig's path
 /// leaves out.
-void warn_of_widths(const Report& report, Warnings& out) {
+void warn_of_widths(const Report& report, Notices& out) {
   constexpr double kSpeaking = 10;  // log evidence
   std::vector<Case> wide;
   for (const AutomaticGroup& group : report.automatic)
     if (group.factor > kUnusualWidth && !group.held)
-      wide.push_back({group.name,
-                      "numbers of group '" + group.name +
-                          text("' are off by %.0f times as much as usual: look for a mistake in "
-                               "the rig or the data that they take up",
-                               group.factor),
+      wide.push_back({{Subject::Kind::group, group.name},
+                      "parameters of group '" + group.name +
+                          text("' are off by %.0f times as much as usual", group.factor),
                       group.factor});
-  warn("width", "groups are much worse than usual", std::move(wide), out);
-  if (report.gears_gain > kSpeaking && report.unexplained.empty())
-    out.push_back({"gears",
-                   text("the data speak for other gear ratios than stated (log evidence "
-                        "%.0f), which were not estimated: predicted errors may be too "
-                        "small; the group gears estimates them",
-                        report.gears_gain),
-                   {}});
+  if (!wide.empty())
+    out.push_back(notice_of(
+        NoticeKind::width, "groups are much worse than usual", std::move(wide),
+        "they may take up a mistake in the rig or the data",
+        "compare what the rig says of these parameters with the robot, and the readings with its "
+        "own display, and look for the usual mistakes (`check`)"));
+  if (report.gears_gain > kSpeaking && !report.unexplained)
+    out.push_back(make_notice(
+        NoticeKind::gears, {},
+        text("the data speak for other gear ratios than stated (log evidence %.0f), which were not "
+             "estimated: predicted errors may be too small",
+             report.gears_gain),
+        "",
+        "have them estimated (`group` gears), unless a board that is not as drawn or repeated "
+        "readings look like them"));
 }
 
-void warn_of_minima(const Restarts& restarts, Warnings& out) {
+void warn_of_minima(const Restarts& restarts, Notices& out) {
   const std::vector<Minimum>& minima = restarts.minima;
   if (minima.size() < 2 ||
       !(minima[1].cost < minima[0].cost || same_cost(minima[1].cost, minima[0].cost)))
     return;
   const Minimum& m = minima[1];
-  std::vector<std::string> differing;
-  for (const auto& d : m.differs) differing.push_back(d.first);
+  Subjects differing;
+  for (const auto& d : m.differs) differing.push_back(Subject::parameter(d.first));
   std::string names;
   for (size_t i = 0; i < std::min<size_t>(m.differs.size(), 3); ++i)
     names += (i ? ", " : "") + m.differs[i].first + text(" (%+.3g sigmas)", m.differs[i].second);
-  out.push_back({"minima",
-                 std::to_string(m.count) + " of " + std::to_string(restarts.count) +
-                     " restarts end in " +
-                     (same_cost(m.cost, minima[0].cost)
-                          ? "another minimum that is as good as this result"
-                          : text("a better minimum: cost %.8g, this result has %.8g", m.cost,
-                                 minima[0].cost)) +
-                     ". Most different: " + names +
-                     ". The result is the one that the rig's own values lead to",
-                 differing});
-}
-
-/// The kinds of warnings, what matters most first.
-size_t rank(const Warning& warning) {
-  static const char* const kOrder[] = {"not_converged",   "unobservable",
-                                       "few_turns",       "unexplained",
-                                       "implausible",     "outside_image",
-                                       "duplicates",      "few_data",
-                                       "undefined",       "outlier_sample",
-                                       "outlier_view",    "outlier_point",
-                                       "no_consensus",    "chi2",
-                                       "in_use",          "jump",
-                                       "systematic",      "joint_error",
-                                       "joint_noise",     "noise",
-                                       "quiet_joints",    "scale",
-                                       "arm_scale",       "prior",
-                                       "sigma",           "minima",
-                                       "given_pose",      "rescaled",
-                                       "unchecked",       "no_start",
-                                       "ambiguous_start", "moved",
-                                       "identity",        "unfinished",
-                                       "joint_model",     "no_effect",
-                                       "few_poses",       "repeated",
-                                       "last_zero",       "base_frame",
-                                       "unused_prior",    "undefined_before"};
-  return static_cast<size_t>(std::find(std::begin(kOrder), std::end(kOrder), warning.id) -
-                             std::begin(kOrder));
+  out.push_back(make_notice(
+      NoticeKind::minima, std::move(differing),
+      std::to_string(m.count) + " of " + std::to_string(restarts.count) + " restarts end in " +
+          (same_cost(m.cost, minima[0].cost)
+               ? "another minimum that is as good as this result"
+               : text("a better minimum: cost %.8g, this result has %.8g", m.cost,
+                      minima[0].cost)) +
+          ". Most different: " + names,
+      "the result is the one that the rig's own values lead to",
+      "give better starting values for these, or record more varied postures"));
 }
 
 /// Of a step that did not converge: that, and the first thing that it may come from. Everything
 /// else follows from it.
-void keep_first_cause(Warnings& all) {
-  const auto may_cause = [](const Warning& w) {
-    for (const char* id : {"implausible", "outside_image", "outlier_", "no_consensus", "no_start",
-                           "ambiguous_start", "identity"})
-      if (w.id.rfind(id, 0) == 0) return true;
-    return false;
-  };
-  const auto cause = std::find_if(all.begin(), all.end(), may_cause);
-  Warnings kept = {all.front()};
+void keep_first_cause(Notices& all) {
+  const auto cause = std::find_if(all.begin(), all.end(),
+                                  [](const Notice& w) { return can_spoil_the_fit(w.kind); });
+  Notices kept = {all.front()};
   if (cause != all.end()) kept.push_back(*cause);
   all = std::move(kept);
 }
 
 }  // namespace
 
-std::vector<Warning> warnings(const Report& report) {
-  Warnings out;
-  warn_of_starts(report.solution, out);
+Notices warnings(const Report& report) {
+  Notices out;
+  warn_of_starts(report, out);
   warn_of_input(report.input, out);
   warn_of_few_data(report.solution, out);
   warn_of_repetition(*report.solution.recording, out);
@@ -473,60 +481,64 @@ std::vector<Warning> warnings(const Report& report) {
   warn_of_use(report.residuals, out);
   warn_of_doubted_priors(report, out);
   warn_of_movements(report.solution, out);
-  warn_of_rescaled(report.solution, out);
+  warn_of_rescaled(report, out);
   warn_of_scales(report, out);
   warn_of_parameters(report, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {
-    warn_of_misfits("outlier_sample", "sample", report.misfits.samples, out);
-    warn_of_misfits("outlier_view", "view", report.misfits.views, out);
+    warn_of_misfits(NoticeKind::outlier_sample, Subject::Kind::sample, report.misfits.samples, out);
+    warn_of_misfits(NoticeKind::outlier_view, Subject::Kind::view, report.misfits.views, out);
   }
   warn_of_rejected(report, out);
-  if (!report.no_consensus.empty()) out.push_back({"no_consensus", report.no_consensus, {}});
+  if (!report.no_consensus.empty())
+    out.push_back(make_notice(NoticeKind::no_consensus, {}, "`reject`: " + report.no_consensus));
   warn_of_noise(report, out);
   warn_of_widths(report, out);
   warn_of_outliers(report.outliers, out);
   if (report.restarts) warn_of_minima(*report.restarts, out);
   warn_of_held_out(report.validation, out);
-  std::stable_sort(out.begin(), out.end(),
-                   [](const Warning& a, const Warning& b) { return rank(a) < rank(b); });
-  if (!out.empty() && out.front().id == "not_converged") keep_first_cause(out);
+  std::stable_sort(out.begin(), out.end(), before);
+  if (!out.empty() && out.front().kind == NoticeKind::not_converged) keep_first_cause(out);
   return out;
 }
 
-std::vector<Warning> warnings(const Evaluation& evaluation) {
-  Warnings out;
+Notices warnings(const Evaluation& evaluation) {
+  Notices out;
   if (!evaluation.converged)
-    out.push_back(
-        {"not_converged", "the estimation of targets or joint errors did not converge", {}});
-  std::vector<Case> undefined;
+    out.push_back(make_notice(NoticeKind::not_converged, {},
+                              "the estimation of targets or joint errors did not converge"));
+  std::vector<Case> undefined, open;
   for (const std::string& id : evaluation.undefined)
-    undefined.push_back({id, "sample '" + id +
-                                 "' cannot be evaluated (a point lies behind a camera, wherever "
-                                 "its target is put): it is missing from these numbers"});
-  warn("undefined", "samples cannot be evaluated", std::move(undefined), out);
+    undefined.push_back({Subject::sample(id),
+                         "sample '" + id +
+                             "' cannot be evaluated (a point lies behind a camera, wherever its "
+                             "target is put): it is missing from these numbers"});
+  warn(NoticeKind::undefined, "samples cannot be evaluated", std::move(undefined), "", out);
   const double dof = static_cast<double>(evaluation.dof);
   if (exceeds(evaluation.chi2 / dof, dof)) {
-    Warning excess{"chi2", excess_text(evaluation.chi2 / dof), {}};
+    Notice excess =
+        make_notice(NoticeKind::chi2, {}, excess_text(evaluation.chi2 / dof), "", kLookOrState);
     if (evaluation.worst_share > kMostOfIt && evaluation.views.size() > 1) {
-      excess.text +=
+      excess.what +=
           text("; %.0f %% of their squares are those of sample '", 100 * evaluation.worst_share) +
           evaluation.worst_sample + "'";
-      excess.names.push_back(evaluation.worst_sample);
+      excess.where.push_back(Subject::sample(evaluation.worst_sample));
     }
-    excess.text += kLookOrState;
     out.push_back(std::move(excess));
   }
-  std::vector<Case> open;
   for (const std::string& name : evaluation.open)
-    open.push_back({name, name + " is absent from the rig: it was estimated from the samples of "
-                                 "each split"});
-  warn("open_pose", "poses are absent from the rig", std::move(open), out);
-  Warning useless{"no_effect", "", evaluation.without_effect};
+    open.push_back({Subject::parameter(name),
+                    name + " is absent from the rig: it was estimated from the samples of each "
+                           "split"});
+  warn(NoticeKind::open_pose, "poses are absent from the rig", std::move(open), "", out);
+  std::string useless;
   for (const std::string& pattern : evaluation.without_effect)
-    useless.text += (useless.text.empty() ? "" : "; ") + ("free '" + pattern) +
-                    "' changes nothing: no measurement depends on it";
-  if (!useless.text.empty()) out.push_back(std::move(useless));
+    useless += (useless.empty() ? "" : "; ") + ("`free` '" + pattern) +
+               "' changes nothing: no measurement depends on it";
+  if (!useless.empty())
+    out.push_back(make_notice(NoticeKind::no_effect,
+                              subjects(Subject::Kind::parameter, evaluation.without_effect),
+                              std::move(useless)));
   return out;
 }
 

@@ -14,7 +14,7 @@ constexpr double kUnusualWidth = 9;
 
 /// Both return one warning of a kind, what matters most first; where a step did not converge only
 /// that and its first likely cause, of which everything else may come.
-std::vector<Warning> warnings(const Report& report);
-std::vector<Warning> warnings(const Evaluation& evaluation);
+Notices warnings(const Report& report);
+Notices warnings(const Evaluation& evaluation);
 
 }  // namespace kincal

@@ -58,26 +58,28 @@ bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
     return true;
   const std::string joint = length->name.substr(6, length->name.find("/origin.") - 6);
   if (!report.diagnosis) report.diagnosis.emplace();
-  std::vector<Finding>& findings = report.diagnosis->findings;
-  Finding both{"link-length", "", {joint}, {}, found.solution.chi2_data};
-  for (const std::string& size : sizes) both.where.push_back(size.substr(size.find('/') + 1));
+  Notices& findings = report.diagnosis->findings;
+  Notice both = make_notice(
+      NoticeKind::link_length, {Subject::joint(joint)},
+      "either " + length->name + text(" is off by %.1f mm in the URDF", 1e3 * length->value) +
+          ", alone among the lengths of the arm, or " + listed({sizes.begin(), sizes.end()}) +
+          text(" is wrong in the rig: both explain the data alike (chi2/dof %.3g and %.3g)", second,
+               first),
+      "board and arm have one scale",
+      "measure the board over several squares with a ruler, and how far joint " + quoted(joint) +
+          " is from the joint before it; correct the one that is wrong, in the URDF or in the rig. "
+          "Where the board is right, hold " +
+          *sizes.begin());
+  both.chi2_corrected = found.solution.chi2_data;
+  for (const std::string& size : sizes)
+    both.where.push_back({Subject::Kind::part, size.substr(size.find('/') + 1)});
   for (auto f = findings.begin(); f != findings.end();)
-    if (f->id == "square" || f->id == "baseline" || f->id == "intrinsics") {
+    if (explains(both.kind, f->kind)) {
       both.chi2_as_is = f->chi2_as_is;
       f = findings.erase(f);
     } else {
       ++f;
     }
-  both.text =
-      "Either " + length->name + text(" is off by %.1f mm in the URDF", 1e3 * length->value) +
-      ", alone among the lengths of the arm, or " + listed({sizes.begin(), sizes.end()}) +
-      text(
-          " is wrong in the rig: both explain the data alike (chi2/dof %.3g and %.3g), for "
-          "board and arm have one scale. ",
-          second, first) +
-      "Measure the board over several squares with a ruler, and how far joint " + quoted(joint) +
-      " is from the joint before it; correct the one that is wrong, in the " +
-      "URDF or in the rig. Where the board is right, hold " + *sizes.begin() + ".";
   findings.insert(findings.begin(), std::move(both));
   return true;
 }

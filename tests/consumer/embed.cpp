@@ -36,8 +36,8 @@ int main(int argc, char** argv) {
     for (const kincal::SensorResult& s : report->residuals.sensors)
       std::printf("sensor %s %.17g %s, held out %.17g\n", s.name.c_str(), s.train.rms,
                   s.unit.c_str(), s.test.rms);
-    for (const kincal::Warning& w : report->warnings)
-      std::printf("warning %s: %s\n", w.id.c_str(), w.text.c_str());
+    for (const kincal::Notice& w : report->warnings)
+      std::printf("warning %s: %s\n", kincal::id(w.kind), kincal::sentences(w).c_str());
     return solution.status == kincal::Status::converged ? 0 : 1;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s\n", error.what());

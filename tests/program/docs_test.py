@@ -205,18 +205,10 @@ def check_options(source, binary):
 
 
 def check_warnings(source):
-    """The warnings' ids in docs/formats.md are those in the code."""
-    code = ""
-    for folder, _, names in sorted(os.walk(os.path.join(source, "models"))):
-        for name in sorted(names):
-            if name.endswith(".cpp"):
-                with open(os.path.join(folder, name), encoding="utf-8") as file:
-                    code += file.read()
-    ids = set(re.findall(r'(?:warnings\.push_back\(\s*|\bWarning)\{"([a-z_0-9]+)",', code))
-    for name in ("warnings.cpp", "noise_warnings.cpp", "trial_warnings.cpp", "input_warnings.cpp", "parameter_warnings.cpp", "scale_warnings.cpp"):
-        with open(os.path.join(source, "models", "report", name), encoding="utf-8") as file:
-            ids |= set(re.findall(r'(?:out\.push_back\(\s*\{|\bwarn\(\s*|\bWarning \w+\{|\bwarning_of\()"([a-z_0-9]+)",', file.read()))
-    ids |= set(re.findall(r'\{"(outlier_[a-z]+)"', code))
+    """The warnings' ids in docs/formats.md are those of the table in models/notices."""
+    with open(os.path.join(source, "models", "notices", "notice.cpp"), encoding="utf-8") as file:
+        table = re.findall(r'\{K::\w+,\s*"([a-z_0-9-]+)"', file.read())
+    ids = set(table[table.index("not_converged"):])
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
         section = file.read().split("### Warnings")[1].split("\n## ")[0]

@@ -200,7 +200,7 @@ class Flange(helpers.Folder):
             self.assertNotIn("bent:", self.calibrate(flat, 0, rig=CAMERA % entry)[0]["verdict"]["text"])
             result, _ = self.calibrate(bent, 0, rig=CAMERA % entry)
             self.assertEqual(result["verdict"]["use"], "doubts")
-            self.assertIn('Target \'board\' is not flat', result["verdict"]["text"])
+            self.assertIn('target \'board\' is not flat', result["verdict"]["text"])
             self.assertIn('"warp: [0, 0]"', result["verdict"]["text"])
             if seed > 1:
                 continue

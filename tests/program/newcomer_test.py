@@ -291,7 +291,7 @@ class Words(Case):
         self.assertEqual(result["verdict"]["use"], "good", text)
         found, = self.warnings(result, "last_zero")
         self.assertIn("target/board/pose.r", found)
-        self.assertIn("Hold joint/j6/offset (--fix)", found)
+        self.assertIn("hold joint/j6/offset (--fix)", found)
         result, text = self.calibrate(samples, "--fix", "joint/j6/offset")
         self.assertEqual(self.warnings(result, "last_zero") + self.warnings(result, "sigma"), [], text)
 
@@ -302,7 +302,7 @@ class Words(Case):
         self.write("rig.yaml", HEAD)
         result, text = self.calibrate(samples)
         found, = self.warnings(result, "sigma")
-        self.assertRegex(found, r"^target/board/pose.z is known to 0.0\d+ m only \(one sigma\), for the data do not tell target/board/square. What to do: measure "
+        self.assertRegex(found, r"^target/board/pose.z is known to 0.0\d+ m only \(one sigma\). The data do not determine target/board/square. What to do: measure "
                                 r"target/board/square over several fields, write it into the rig, and hold it \(--fix\)$")
         self.assertNotIn("more varied postures", text)
         self.assertEqual(result["verdict"]["use"], "no", text)  # above 3 cm
@@ -329,7 +329,7 @@ class Words(Case):
         self.assertNotIn("more varied postures", text)
         found, = self.warnings(result, "base_frame")
         self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are known no better than where the base frame is")
-        self.assertIn("Hold joint/j1/offset (--fix)", found)
+        self.assertIn("hold joint/j1/offset (--fix)", found)
         self.assertGreater(result["parameters"]["sensor/tracker/pose"]["sigma"][1], 0.01)  # it is still told
         result, text = self.calibrate(samples, "--fix", "joint/j1/offset")
         self.assertEqual(self.warnings(result, "base_frame") + self.warnings(result, "sigma"), [], text)
@@ -498,9 +498,9 @@ class Words(Case):
         result, text = self.calibrate(samples, "--fix", "target/board/pose.z", rig="open.yaml")
         found, = self.warnings(result, "identity")
         self.assertIn("target/board/pose is absent from the rig, and its z is held: that counts from the identity", found)
-        self.assertIn("Give it a pose in the rig", found)
+        self.assertIn("give it a pose in the rig", found)
         self.assertEqual(result["verdict"]["use"], "doubts")
-        self.assertIn("give the pose in the rig", result["verdict"]["text"])
+        self.assertIn("give it a pose in the rig", result["verdict"]["text"])
         # one joint far off among good ones
         truth = {"joint/j%d/offset" % k: 0.0003 * (-1) ** k for k in range(2, 7)}
         truth["joint/j4/origin"] = [0.02, 0, 0, 0, 0, 0]
@@ -831,7 +831,7 @@ class Pr2(Case):
             self.write("rig.yaml", rig.replace(laser, laser + "    pose: {xyz: [0, 0, -0.006], rpy: [0.019, -0.012, -0.015]}\n"))
             result, text = self.calibrate(samples, "--no-report")
             self.assertEqual(result["verdict"]["use"], use, text)
-            self.assertEqual("mirrored: The rays of sensor 'tilt_laser'" in result["verdict"]["text"], sign < 0, text)
+            self.assertEqual("mirrored: the rays of sensor 'tilt_laser'" in result["verdict"]["text"], sign < 0, text)
 
 
 SCARA = """format: kincal/1

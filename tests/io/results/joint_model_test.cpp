@@ -90,9 +90,9 @@ std::vector<Sample> samples_of(const Rig& rig, double bend) {
   return simulate(rig, table, truth, options).samples;
 }
 
-const Warning* warning(const Report& report, const std::string& id) {
-  for (const Warning& w : report.warnings)
-    if (w.id == id) return &w;
+const Notice* warning(const Report& report, const std::string& id) {
+  for (const Notice& w : report.warnings)
+    if (kincal::id(w.kind) == id) return &w;
   return nullptr;
 }
 
@@ -112,10 +112,10 @@ TEST_CASE("joint models through the files: what a URDF cannot express is not los
   REQUIRE(report.solution.status == Status::converged);
   const ResultFiles files = make_results(rig, report, options);
 
-  const Warning* lost = warning(report, "joint_model");
+  const Notice* lost = warning(report, "joint_model");
   REQUIRE(lost);
   CHECK_THAT(
-      lost->text,
+      sentences(*lost),
       Contains("joint 'elbow': a URDF cannot express its joint model (joint/elbow/bend = 0.0") &&
           Contains("off by up to 0.0") && Contains(" rad in these samples"));
   CHECK(files.reductions.empty());
@@ -190,8 +190,8 @@ TEST_CASE(
   bool named = false;
   const std::optional<Diagnosis> diagnosis = diagnose(rig.rig, samples, {});
   REQUIRE(diagnosis);
-  for (const Finding& finding : diagnosis->findings)
-    named = named || (finding.id == "still-joint" &&
-                      finding.text.find("joint/elbow/bend") != std::string::npos);
+  for (const Notice& finding : diagnosis->findings)
+    named = named || (finding.kind == NoticeKind::still_joint &&
+                      sentences(finding).find("joint/elbow/bend") != std::string::npos);
   CHECK(named);
 }

@@ -52,11 +52,11 @@ std::string everything(const RigFile& rig, const std::vector<Sample>& samples) {
   std::string out = files.robot_urdf + files.rig_yaml + files.changes_yaml + files.covariance_csv +
                     files.residuals_csv;
   out += std::regex_replace(files.result_json, std::regex("\"seconds\": [^\n]*"), "");
-  for (const Warning& w : report->warnings) out += w.id + ": " + w.text + "\n";
+  for (const Notice& w : report->warnings) out += with_id(w) + "\n";
   for (const Judgement& j : report->validation.requirements) out += judgement_text(j) + "\n";
   const std::optional<Diagnosis> found = diagnose(rig.rig, samples, {});
   REQUIRE(found);
-  for (const Finding& f : found->findings) out += f.text + "\n";
+  for (const Notice& f : found->findings) out += sentences(f) + "\n";
   return out + found->verdict + "\n";
 }
 

@@ -96,10 +96,11 @@ TEST_CASE("explain: the last joint's offset and the roll of what it holds") {
   CHECK(names(w, "joint/c/offset"));
   CHECK(names(w, "target/marks/pose.rx"));
   CHECK(std::isnan(w.sigma));
-  const auto warning = std::find_if(r.warnings.begin(), r.warnings.end(),
-                                    [](const Warning& x) { return x.id == "unobservable"; });
+  const auto warning = std::find_if(r.warnings.begin(), r.warnings.end(), [](const Notice& x) {
+    return x.kind == NoticeKind::unobservable;
+  });
   REQUIRE(warning != r.warnings.end());
-  CHECK(has(warning->text, "same axis"));
+  CHECK(has(sentences(*warning), "same axis"));
 }
 
 TEST_CASE("explain: a joint that never moved, and one that hardly did") {

@@ -24,19 +24,19 @@ using namespace kincal::fixture;
 namespace {
 
 /// What a calibration of the laboratory's samples says of misfits.
-std::vector<Warning> misfits_in(const Laboratory& lab) {
+Notices misfits_in(const Laboratory& lab) {
   Report report;
   report.solution = solution_of(lab.rig, lab.samples);
   report.residuals = residuals_of(report.solution);
   report.misfits = misfits(report.solution, report.residuals);
-  std::vector<Warning> out;
-  for (const Warning& w : warnings(report))
-    if (w.id.rfind("outlier", 0) == 0) out.push_back(w);
+  Notices out;
+  for (const Notice& w : warnings(report))
+    if (std::string(id(w.kind)).rfind("outlier", 0) == 0) out.push_back(w);
   return out;
 }
 
-bool names(const Warning& warning, const std::string& what) {
-  return warning.text.find("'" + what) != std::string::npos;
+bool names(const Notice& warning, const std::string& what) {
+  return sentences(warning).find("'" + what) != std::string::npos;
 }
 
 }  // namespace
@@ -49,12 +49,12 @@ TEST_CASE("outliers: what sticks out of a plain fit is named, and nothing else")
   View& view = lab.first_camera(two[0]);
   for (size_t i = 0; i < view.z.size(); ++i)
     view.z[i] += (i % 4 < 2 ? 3 : -3);  // corners that jitter by 3 px
-  std::vector<Warning> found = warnings();
+  Notices found = warnings();
   REQUIRE(found.size() == 1);
-  CHECK(found[0].id == "outlier_view");
-  CHECK(found[0].text.find("'" + lab.samples[two[0]].id + "' " +
-                           lab.rig.sensors[view.sensor].name) != std::string::npos);
-  CHECK(found[0].text.rfind("1 view ", 0) == 0);
+  CHECK(found[0].kind == NoticeKind::outlier_view);
+  CHECK(sentences(found[0]).find("'" + lab.samples[two[0]].id + "' " +
+                                 lab.rig.sensors[view.sensor].name) != std::string::npos);
+  CHECK(sentences(found[0]).rfind("1 view ", 0) == 0);
   for (double& sigma : view.sigma.own()) sigma *= 20;  // said so: nothing wrong
   CHECK(warnings().empty());
 }
@@ -66,10 +66,10 @@ TEST_CASE("misfits: readings that do not belong to their sample name it, and no 
   for (size_t j = 0; j < wrong.readings.size(); ++j)
     if (std::isfinite(wrong.readings[j]))
       wrong.readings[j] += (j % 2 ? 12 : -12) * lab.rig.joints[j].sigma;
-  const std::vector<Warning> found = misfits_in(lab);
+  const Notices found = misfits_in(lab);
   REQUIRE(found.size() == 1);
-  CHECK(found[0].id == "outlier_sample");
-  CHECK(found[0].text.rfind("1 sample ", 0) == 0);
+  CHECK(found[0].kind == NoticeKind::outlier_sample);
+  CHECK(sentences(found[0]).rfind("1 sample ", 0) == 0);
   CHECK(names(found[0], wrong.id + "'"));
 }
 
@@ -82,9 +82,9 @@ TEST_CASE("misfits: a held-out sample is judged as well, and called so") {
   for (View& view : wrong.views)
     if (lab.camera(view))
       for (size_t i = 0; i < view.z.size(); ++i) view.z[i] += (i % 4 < 2 ? 4 : -4);
-  const std::vector<Warning> found = misfits_in(lab);
+  const Notices found = misfits_in(lab);
   REQUIRE(found.size() == 1);
-  CHECK(found[0].id == "outlier_sample");
+  CHECK(found[0].kind == NoticeKind::outlier_sample);
   CHECK(names(found[0], wrong.id + "' (held out)"));
 }
 

@@ -709,7 +709,7 @@ TEST_CASE("held-out placements are estimated where a free of the caller names th
   options.free = {"target/place_1/pose"};
   const Report by_caller = study_of(rig, samples, options);
   CHECK(by_caller.validation.test[0].rms == in_step.validation.test[0].rms);
-  for (const Warning& w : by_caller.warnings) CHECK(w.id != "no_effect");
+  for (const Notice& w : by_caller.warnings) CHECK(w.kind != NoticeKind::no_effect);
   CHECK(by_caller.solution.steps[0].held_out == in_step.solution.steps[0].held_out);
 }
 

@@ -60,7 +60,7 @@ TEST_CASE(
     "flange poses: a few do not tell their noise, and pictures at one posture are no postures") {
   const auto has = [](const Report& report, const std::string& id) {
     return std::any_of(report.warnings.begin(), report.warnings.end(),
-                       [&](const Warning& w) { return w.id == id; });
+                       [&](const Notice& w) { return kincal::id(w.kind) == id; });
   };
   for (const int count : {4, 12}) {
     Truth truth(Cell{true, 1e-3, 1e-3, false}, 7);

@@ -106,7 +106,7 @@ struct EyeInHand {
 
 std::vector<std::string> ids(const Diagnosis& d) {
   std::vector<std::string> out;
-  for (const Finding& f : d.findings) out.push_back(f.id);
+  for (const Notice& f : d.findings) out.emplace_back(id(f.kind));
   return out;
 }
 using Ids = std::vector<std::string>;
@@ -144,15 +144,16 @@ TEST_CASE("hypotheses: undone twice is nothing done") {
   freed.whole = freed.parameter;
   int tried = 0;
   for (const Hypothesis& h : hypotheses(e.rig, table, e.samples, freed)) {
-    if (h.id != "numbering" && h.id != "mirrored" && h.id != "joint-sign" &&
-        h.id != "inverted-pose" && h.id != "eye-in-hand")
+    if (h.kind != NoticeKind::numbering && h.kind != NoticeKind::mirrored &&
+        h.kind != NoticeKind::joint_sign && h.kind != NoticeKind::inverted_pose &&
+        h.kind != NoticeKind::eye_in_hand)
       continue;
     Rig rig = e.rig;
     std::vector<Sample> samples = e.samples;
     h.undo(rig, samples);
     h.undo(rig, samples);
     ++tried;
-    INFO(h.id << ": " << h.mistake);
+    INFO(id(h.kind) << ": " << h.mistake);
     CHECK(rig.sensors[0].link == 3);
     CHECK((rig.sensors[0].link_T_sensor.translation - e.rig.sensors[0].link_T_sensor.translation)
               .norm() < 1e-12);
@@ -189,10 +190,10 @@ TEST_CASE("doctor: of many boards, whose sizes are tried together, only the wron
   const Diagnosis d = e.check();
   INFO(d.verdict);
   REQUIRE(ids(d) == Ids{"square"});
-  CHECK(d.findings[0].where == Ids{"board3"});
-  CHECK(d.findings[0].text.find("The size of target 'board3'") == 0);
+  CHECK(names_of(d.findings[0].where) == Ids{"board3"});
+  CHECK(sentences(d.findings[0]).find("The size of target 'board3'") == 0);
   for (const char* right : {"'board'", "'board1'", "'board2'", "'board4'"})
-    CHECK(d.findings[0].text.find(right) == std::string::npos);
+    CHECK(sentences(d.findings[0]).find(right) == std::string::npos);
 }
 
 TEST_CASE("doctor: planted mistakes of a camera in the hand") {
@@ -202,8 +203,8 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     const Diagnosis d = e.check();
     INFO(d.verdict);
     REQUIRE(ids(d) == Ids{"square"});
-    CHECK(d.findings[0].text.find("0.0500") + 1 + d.findings[0].text.find("0.05 m") + 1 +
-              d.findings[0].text.find("0.0499") + 1 >
+    CHECK(sentences(d.findings[0]).find("0.0500") + 1 + sentences(d.findings[0]).find("0.05 m") +
+              1 + sentences(d.findings[0]).find("0.0499") + 1 >
           0);
     CHECK(*d.findings[0].chi2_corrected < *d.findings[0].chi2_as_is / 1.6);
   }
@@ -219,7 +220,7 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     for (Sample& s : e.samples) s.readings[1] = -s.readings[1];
     const Diagnosis d = e.check();
     REQUIRE(ids(d) == Ids{"joint-sign"});
-    CHECK(d.findings[0].where == Ids{"lift"});
+    CHECK(names_of(d.findings[0].where) == Ids{"lift"});
   }
   SECTION("wrong sides") {
     std::swap(e.rig.sensors[0].link, e.rig.targets[0].link);
@@ -229,13 +230,13 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     e.rig.sensors[0].link_T_sensor = inverse(e.rig.sensors[0].link_T_sensor);
     const Diagnosis d = e.check();
     REQUIRE(ids(d) == Ids{"inverted-pose"});
-    CHECK(d.findings[0].where == Ids{"camera"});
+    CHECK(names_of(d.findings[0].where) == Ids{"camera"});
   }
   SECTION("one view from the other corner") {
     std::reverse(e.samples[4].views[0].ids.own().begin(), e.samples[4].views[0].ids.own().end());
     const Diagnosis d = e.check();
     REQUIRE(ids(d) == Ids{"numbering"});
-    CHECK(d.findings[0].where == Ids{"camera", e.samples[4].id});
+    CHECK(names_of(d.findings[0].where) == Ids{"camera", e.samples[4].id});
   }
   SECTION("all views from the other corner") {
     for (Sample& s : e.samples)
@@ -246,29 +247,30 @@ TEST_CASE("doctor: planted mistakes of a camera in the hand") {
     std::swap(e.samples[2].readings, e.samples[9].readings);
     const Diagnosis d = e.check();
     REQUIRE(ids(d) == Ids{"bad-samples"});
-    CHECK(d.findings[0].where == Ids{e.samples[2].id, e.samples[9].id});
+    CHECK(names_of(d.findings[0].where) == Ids{e.samples[2].id, e.samples[9].id});
   }
   SECTION("duplicates") {
     e.samples.push_back(e.samples[3]);
     e.samples.back().id = "again";
     const Diagnosis d = e.check();
     REQUIRE(ids(d) == Ids{"duplicates"});
-    CHECK(d.findings[0].where == Ids{e.samples[3].id, "again"});
+    CHECK(names_of(d.findings[0].where) == Ids{e.samples[3].id, "again"});
     CHECK(!d.findings[0].chi2_as_is);
     e.samples.push_back(e.samples[5]);
     e.samples.back().id = "once more";
     const Diagnosis both = e.check();
     REQUIRE(ids(both) == Ids{"duplicates"});
-    CHECK(both.findings[0].where == Ids{e.samples[3].id, "again", e.samples[5].id, "once more"});
-    CHECK_THAT(both.findings[0].text, Catch::StartsWith("4 samples are 2 measurements"));
+    CHECK(names_of(both.findings[0].where) ==
+          Ids{e.samples[3].id, "again", e.samples[5].id, "once more"});
+    CHECK_THAT(sentences(both.findings[0]), Catch::StartsWith("4 samples are 2 measurements"));
   }
   SECTION("a joint that never moves") {
     e.rig.steps[0].free.push_back("joint/roll/offset");
     std::vector<Sample> some;
     for (Sample& s : e.samples) s.readings[2] = e.samples[0].readings[2];
     const Diagnosis d = e.check();
-    CHECK(std::count_if(d.findings.begin(), d.findings.end(), [](const Finding& f) {
-            return f.id == "still-joint" && f.where == Ids{"roll"};
+    CHECK(std::count_if(d.findings.begin(), d.findings.end(), [](const Notice& f) {
+            return f.kind == NoticeKind::still_joint && names_of(f.where) == Ids{"roll"};
           }) == 1);
   }
 }
@@ -296,8 +298,8 @@ TEST_CASE("doctor: a board that was moved is named, with the sample and how far"
     const Diagnosis d = e.check();
     INFO(d.verdict);
     REQUIRE(ids(d) == Ids{"moved-target"});
-    CHECK(d.findings[0].where == Ids{"board", e.samples[from].id});
-    const std::string& text = d.findings[0].text;
+    CHECK(names_of(d.findings[0].where) == Ids{"board", e.samples[from].id});
+    const std::string text = sentences(d.findings[0]);
     CHECK(std::stod(text.substr(text.find("moved by ") + 9)) == Approx(10).margin(0.5));  // mm
     CHECK_THAT(text, Catch::Contains(" mm and 2"));
   }
@@ -309,7 +311,7 @@ TEST_CASE("doctor: a free board that nobody else sees says nothing of the camera
   e.rig.steps[0].free = {"sensor/camera/pose"};
   const Diagnosis d = e.check();
   REQUIRE(ids(d) == Ids{"disconnected"});
-  CHECK(d.findings[0].where == Ids{"camera"});
+  CHECK(names_of(d.findings[0].where) == Ids{"camera"});
   e.rig.steps[0].free = {"sensor/camera/intrinsics"};  // these it shows
   CHECK(e.check().findings.empty());
 }

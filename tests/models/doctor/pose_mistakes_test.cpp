@@ -145,10 +145,10 @@ TEST_CASE("doctor: flange poses in another convention are named, with the cure")
         REQUIRE(report);
         REQUIRE(report->diagnosis);
         REQUIRE_FALSE(report->diagnosis->findings.empty());
-        const Finding& first = report->diagnosis->findings[0];
-        CHECK(first.id == c.id);
-        CHECK(first.where == std::vector<std::string>{"flange"});
-        CHECK_THAT(first.text, Contains(c.words));
+        const Notice& first = report->diagnosis->findings[0];
+        CHECK(std::string(id(first.kind)) == c.id);
+        CHECK(names_of(first.where) == std::vector<std::string>{"flange"});
+        CHECK_THAT(sentences(first), Contains(c.words));
       }
 }
 
@@ -159,11 +159,11 @@ TEST_CASE("doctor: flange poses in millimetres are named before any fit, right o
       pose.translation() *= unit;
       return xyz_quat(pose);
     });
-    const std::vector<Finding> found = find_implausible(input.rig, input.samples);
+    const Notices found = find_implausible(input.rig, input.samples);
     REQUIRE(found.size() == (unit > 1 ? 1 : 0));
     if (unit > 1) {
-      CHECK(found[0].id == "units");
-      CHECK(found[0].where == std::vector<std::string>{"flange"});
+      CHECK(found[0].kind == NoticeKind::units);
+      CHECK(names_of(found[0].where) == std::vector<std::string>{"flange"});
     }
   }
 }

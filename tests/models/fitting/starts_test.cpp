@@ -910,10 +910,10 @@ TEST_CASE("calibration: a tracker and its reflector without poses end right, wit
     CHECK((report.solution.pose("sensor/tracker/pose").translation -
            u.truth.sensors[0].link_T_sensor.translation)
               .norm() < 0.005);
-    for (const Warning& w : report.warnings) {
-      CHECK(w.id != "no_start");
-      CHECK(w.id != "moved");
-      CHECK(w.id != "ambiguous_start");
+    for (const Notice& w : report.warnings) {
+      CHECK(w.kind != NoticeKind::no_start);
+      CHECK(w.kind != NoticeKind::moved);
+      CHECK(w.kind != NoticeKind::ambiguous_start);
     }
   }
 }
@@ -1042,8 +1042,8 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   absent.sensors[0].pose_given = false;
   const Report report = study_of(absent, samples);
   std::string words;
-  for (const Warning& w : report.warnings)
-    if (w.id == "no_start") words += w.text;
+  for (const Notice& w : report.warnings)
+    if (w.kind == NoticeKind::no_start) words += sentences(w);
   CHECK_THAT(
       words,
       Catch::Matchers::Contains(
@@ -1195,7 +1195,7 @@ Report study_freeing(Rig rig, const std::vector<Sample>& samples,
 
 bool warns_of(const Report& report, const std::string& id) {
   return std::any_of(report.warnings.begin(), report.warnings.end(),
-                     [&](const Warning& w) { return w.id == id; });
+                     [&](const Notice& w) { return kincal::id(w.kind) == id; });
 }
 
 }  // namespace

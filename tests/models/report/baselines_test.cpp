@@ -75,8 +75,9 @@ Report studied(const Rig& rig, std::vector<Sample> samples, int folds = 0) {
   return *study(make_recording(rig, std::move(samples)), options);
 }
 
-bool warns(const std::vector<Warning>& all) {
-  return std::any_of(all.begin(), all.end(), [](const Warning& w) { return w.id == "held_out"; });
+bool warns(const Notices& all) {
+  return std::any_of(all.begin(), all.end(),
+                     [](const Notice& w) { return w.kind == NoticeKind::held_out; });
 }
 
 double rms_of(const Residuals& residuals, bool rotation) {
@@ -194,9 +195,9 @@ TEST_CASE("readings that are wrong in training alone: worse than the mounts, and
   CHECK(std::any_of(found.rows.begin(), found.rows.end(),
                     [](const Baseline& b) { return b.worse(); }));
   REQUIRE(warns(report.warnings));
-  for (const Warning& w : report.warnings)
-    if (w.id == "held_out") {
-      CHECK(w.text.find("sensor 'tracker'") != std::string::npos);
-      CHECK(w.text.find("Too many numbers are free") != std::string::npos);
+  for (const Notice& w : report.warnings)
+    if (w.kind == NoticeKind::held_out) {
+      CHECK(sentences(w).find("sensor 'tracker'") != std::string::npos);
+      CHECK(sentences(w).find("Too many parameters are free") != std::string::npos);
     }
 }

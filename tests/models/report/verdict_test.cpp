@@ -9,6 +9,7 @@
 #include <catch2/catch.hpp>
 #include <memory>
 
+#include "../../../models/report/parameter_warnings.h"
 #include "../../../models/report/warnings.h"
 #include "../../fixtures/rigs.h"
 
@@ -48,9 +49,17 @@ Verdict judged(Report& report) {
   return verdict(report);
 }
 
+std::string words(const Report& report) { return sentences(verdict(report)); }
+
+/// What is said of a model that does not explain the data; "": nothing.
+std::string unexplained(const Report& report) {
+  const std::optional<Notice> out = why_unexplained(report);
+  return out ? sentences(*out) : "";
+}
+
 std::vector<std::string> ids(const Report& report) {
   std::vector<std::string> out;
-  for (const Warning& w : report.warnings) out.push_back(w.id);
+  for (const Notice& w : report.warnings) out.emplace_back(id(w.kind));
   return out;
 }
 
@@ -61,11 +70,11 @@ using Names = std::vector<std::string>;
 TEST_CASE("verdict: good, doubts, and no") {
   Report report = converged(1.01);
   CHECK(judged(report).use == "good");
-  CHECK(verdict(report).text == "converged; residuals as large as the noise (chi2/dof 1.01)");
+  CHECK(words(report) == "converged; residuals as large as the noise (chi2/dof 1.01)");
 
   report = converged(2);
   CHECK(judged(report).use == "doubts");
-  CHECK_THAT(verdict(report).text, StartsWith("converged, but chi2/dof is 2: "));
+  CHECK_THAT(words(report), StartsWith("converged, but chi2/dof is 2: "));
 
   report = converged(1);
   report.solution.parameters = {mount("sensor/eye/pose", 0.02, 0.001)};
@@ -73,36 +82,36 @@ TEST_CASE("verdict: good, doubts, and no") {
   CHECK(ids(report) == Names{"sigma"});
   report.solution.parameters.push_back(mount("sensor/ear/pose", 0.031, 0.001));
   CHECK(judged(report).use == "no");
-  CHECK_THAT(verdict(report).text, StartsWith("sensor/ear/pose is known to 0.031 m only"));
+  CHECK_THAT(words(report), Contains("worst sensor/ear/pose.x is known to 0.031 m only"));
   report.solution.parameters.push_back(mount("sensor/nose/pose", 0.001, 0.06));
-  CHECK_THAT(judged(report).text, StartsWith("sensor/nose/pose is known to 3.44 degrees only"));
+  CHECK_THAT((judged(report), words(report)),
+             Contains("worst sensor/nose/pose.rx is known to 3.44 degrees only"));
 
   // What was found, or a group far from usual, goes before poses that are loose because of it.
   const std::vector<ParameterEstimate> loose = report.solution.parameters;
-  const std::string besides = "Only then does it count that sensor/nose/pose is known to 3.44";
+  const std::string besides = "Only then does it count that 3 parameters are known to no better";
   report = converged(1);
   report.solution.parameters = loose;
   report.automatic.resize(1);
   report.automatic[0].name = "offsets";
   report.automatic[0].factor = 112;
   CHECK(judged(report).use == "no");
-  CHECK_THAT(verdict(report).text, StartsWith("numbers of group 'offsets' are off by 112 times"));
-  CHECK_THAT(verdict(report).text, Contains(besides));
+  CHECK_THAT(words(report), StartsWith("parameters of group 'offsets' are off by 112 times"));
+  CHECK_THAT(words(report), Contains(besides));
   report.diagnosis.emplace();
-  report.diagnosis->findings = {
-      {"home-position", "Joint 'a' counts from elsewhere.", {"a"}, 90, 1}};
+  report.diagnosis->findings = {make_notice(NoticeKind::home_position, {Subject::joint("a")},
+                                            "joint 'a' counts from elsewhere", "", "turn it")};
   report.solution.status = Status::unobservable;  // as of a pose that is open
-  report.solution.message = loose_mount(report);
+  report.solution.message = sentences(*loose_parameters(report));
   CHECK(judged(report).use == "no");
-  CHECK_THAT(verdict(report).text,
-             StartsWith("a mistake was found that the result may have taken "
-                        "up: home-position: Joint 'a' counts from elsewhere. "));
-  CHECK_THAT(verdict(report).text, Contains(besides));
+  CHECK_THAT(words(report), StartsWith("a mistake was found that the result may have taken "
+                                       "up: home-position: joint 'a' counts from elsewhere. "));
+  CHECK_THAT(words(report), Contains(besides));
 
   report = converged(1);
   report.solution.parameters = {mount("sensor/eye/pose", kNan, 0.001)};  // of an earlier step
   CHECK(judged(report).use == "doubts");
-  CHECK_THAT(verdict(report).text, Contains("not determined: sensor/eye/pose.x"));
+  CHECK_THAT(words(report), Contains("not determined: sensor/eye/pose.x"));
 
   report = converged(1);
   report.automatic.resize(1);
@@ -111,35 +120,34 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.automatic[0].unseen[1].name = "joint/b/offset";
   CHECK(judged(report).use == "good");
   CHECK_THAT(
-      verdict(report).text,
-      Contains("; 2 numbers are as the rig has them, for the data do not tell (what is predicted "
-               "counts that): joint/a/offset and joint/b/offset"));
+      words(report),
+      Contains("; 2 parameters were kept at their nominal values because the data do not determine "
+               "them (predicted errors account for this): joint/a/offset and joint/b/offset"));
 }
 
 TEST_CASE("verdict: a model that does not explain the data") {
   Report report = converged(99);
-  CHECK(why_unexplained(report).empty());
+  CHECK(unexplained(report).empty());
   report = converged(101);
-  CHECK_THAT(why_unexplained(report), Contains("Noise stated too small is likelier"));
+  CHECK_THAT(unexplained(report), Contains("Noise stated too small is likelier"));
   report.misfits.samples = {{100, "'s3'"}};
-  CHECK_THAT(why_unexplained(report), Contains("(far larger residuals than the others have 's3')"));
+  CHECK_THAT(unexplained(report), Contains("(far larger residuals than the others have 's3')"));
   report.diagnosis = Diagnosis{};
   report.diagnosis->readings = "Errors of the joint readings would.";
-  CHECK_THAT(why_unexplained(report), Contains("Errors of the joint readings would."));
+  CHECK_THAT(unexplained(report), Contains("Errors of the joint readings would."));
 
   report = converged(26);
-  Finding finding;
-  finding.id = "duplicates";
   report.diagnosis = Diagnosis{};
-  report.diagnosis->findings = {finding};
-  CHECK(why_unexplained(report).empty());  // no fit says that it explains anything
+  report.diagnosis->findings = {make_notice(NoticeKind::square, {}, "the size is wrong")};
+  CHECK(unexplained(report).empty());  // no fit says that it explains anything
   report.diagnosis->findings[0].chi2_corrected = 1000;
-  CHECK_THAT(why_unexplained(report), Contains("A mistake is likelier"));
+  CHECK_THAT(unexplained(report),
+             Contains("A mistake is likelier than noise stated too small: square: the size"));
   report.solution.chi2_data = 24000;
-  CHECK(why_unexplained(report).empty());
+  CHECK(unexplained(report).empty());
   report.solution.chi2_data = 1e6;
   report.solution.status = Status::not_converged;
-  CHECK(why_unexplained(report).empty());
+  CHECK(unexplained(report).empty());
 }
 
 TEST_CASE("warnings: one of a kind, counted, the worst in words") {
@@ -157,14 +165,14 @@ TEST_CASE("warnings: one of a kind, counted, the worst in words") {
   }
   judged(report);
   REQUIRE(ids(report) == Names{"prior"});
-  CHECK(report.warnings[0].text ==
+  CHECK(sentences(report.warnings[0]) ==
         "7 parameters are more than 3 prior sigmas from their priors, worst joint/j4/offset is "
         "-9.0 prior sigmas from its prior; then joint/j0/offset, joint/j1/offset, joint/j2/offset "
         "and 3 more. What to do: see which of the two is wrong, the prior or the data");
-  CHECK(report.warnings[0].names.size() == 7);
+  CHECK(report.warnings[0].where.size() == 7);
   report.solution.parameters.resize(1);
   judged(report);
-  CHECK(report.warnings[0].text ==
+  CHECK(sentences(report.warnings[0]) ==
         "joint/j0/offset is 4.0 prior sigmas from its prior. What to do: see which of the two is "
         "wrong, the prior or the data");
 }
@@ -176,7 +184,7 @@ TEST_CASE("warnings: poses that the rig leaves open, and what is left where noth
   report.solution.parameters[0].value[4] = 1;
   judged(report);
   CHECK(ids(report) == Names{"sigma", "moved"});
-  CHECK_THAT(report.warnings[1].text,
+  CHECK_THAT(sentences(report.warnings[1]),
              StartsWith("sensor/eye/pose moved by 0.5 m and turned by 57.3 degrees from its"));
   report.solution.computed_starts = report.solution.lost_starts = {"sensor/eye/pose"};
   judged(report);
@@ -190,7 +198,31 @@ TEST_CASE("warnings: poses that the rig leaves open, and what is left where noth
   report.solution.steps = {first, second};
   CHECK(judged(report).use == "no");
   CHECK(ids(report) == Names{"not_converged", "no_start"});
-  CHECK_THAT(report.warnings[0].text,
+  CHECK_THAT(sentences(report.warnings[0]),
              StartsWith("step 'first' did not converge in 200 iterations. What to do: "));
-  CHECK(verdict(report).text == report.warnings[0].text);
+  CHECK(words(report) == sentences(report.warnings[0]));
+}
+
+TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
+  Report report = converged(1);
+  report.automatic.resize(1);
+  report.automatic[0].name = "offsets";
+  report.automatic[0].factor = 17;
+  report.diagnosis.emplace();
+  report.diagnosis->findings = {make_notice(NoticeKind::same_samples, {Subject::sample("again")},
+                                            "samples '01' and 'again' are the same", "",
+                                            "leave out all but one")};
+  report.diagnosis->findings[0].severity = Severity::remark;  // one of many
+  report.input = report.diagnosis->findings;
+  const Verdict verdict = judged(report);
+  CHECK(ids(report) == Names{"width", "duplicates"});
+  CHECK(verdict.use == "doubts");
+  CHECK(verdict.about == NoticeKind::width);
+  CHECK_THAT(verdict.why, Contains("parameters of group 'offsets' are off by 17 times"));
+  REQUIRE(verdict.next.size() == 1);
+  CHECK_THAT(verdict.next[0], StartsWith("compare what the rig says of these parameters"));
+  CHECK(verdict.see == std::vector<NoticeKind>{NoticeKind::duplicates});
+
+  report.diagnosis->findings[0].severity = Severity::doubt;  // much of the data
+  CHECK(judged(report).about == NoticeKind::same_samples);
 }

@@ -142,8 +142,8 @@ TEST_CASE("validation: what is not final is named") {
   Report report = study_of(rig, some_wrong(rig, {}));
   const auto named = [&] {
     std::string out;
-    for (const Warning& w : warnings(report))
-      if (w.id == "unfinished") out += w.text + "\n";
+    for (const Notice& w : warnings(report))
+      if (w.kind == NoticeKind::unfinished) out += sentences(w) + "\n";
     return out;
   };
   CHECK(report.residuals.unfinished.empty());

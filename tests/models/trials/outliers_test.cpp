@@ -179,8 +179,8 @@ TEST_CASE("outliers: joints noisier than stated cost no right sample and are nam
             (wrong ? std::vector<std::string>{"s4", "s17", "s30"} : std::vector<std::string>()));
       CHECK(report.solution.rig().joints[0].sigma == stated.joints[0].sigma);
       std::string named;
-      for (const Warning& w : report.warnings)
-        if (w.id == "joint_noise") named += w.text;
+      for (const Notice& w : report.warnings)
+        if (w.kind == NoticeKind::joint_noise) named += sentences(w);
       CHECK(named.empty() == (factor < 2));
       INFO(named);
       for (const char* joint : {"'turn'", "'lift'", "'roll'"})

@@ -89,8 +89,8 @@ Restarted restarted(const Rig& rig, const std::vector<Sample>& samples, int coun
   }
   CHECK(ended == count);
   std::string said;
-  for (const Warning& w : warnings(report))
-    if (w.id == "minima") said += w.text;
+  for (const Notice& w : warnings(report))
+    if (w.kind == NoticeKind::minima) said += sentences(w);
   return {report.solution, r, said};
 }
 

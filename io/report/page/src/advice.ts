@@ -4,51 +4,9 @@ import { digits, list, plainList, plainName, plural, size } from './format';
 
 export interface Advice { text: string; why?: string }
 
-/** verdict.text is "why. What to do: actions; more actions". */
-export function splitVerdict(text: string): { why: string; actions: string[] } {
-  const at = text.search(/\.? ?What to do: /);
-  if (at < 0) return { why: text, actions: [] };
-  const actions = text.slice(at).replace(/^\.? ?What to do: /, '');
-  return { why: text.slice(0, at), actions: actions.split(/;\s+/).map((s) => s.trim()).filter(Boolean) };
-}
-
-const outliers = 'Look at what is named: an image of another posture, a board seen from the wrong corner, a wrong point; --reject takes it out.';
-/** A short cure for each kind of warning, where its own text says only what is the case. */
-const cures: Record<string, string> = {
-  chi2: 'Look at the sensor that fits worst (Errors of each sensor, column "Against stated noise"): wrong intrinsics, board size, time shift or outliers; else state the noise that is seen.',
-  joint_error: 'Look at the sample that is named: its joint readings may belong to another posture. Many samples of one joint: its zero, its gear or a link near it is wrong, or its stated noise is too small.',
-  joint_noise: 'State the joint noise that is seen (--estimate-noise), or look for what the model lacks: backlash, a wrong gear, a bent link.',
-  quiet_joints: 'State the joint noise that is seen (--estimate-noise), and calibrate again.',
-  in_use: "Keep the robot's own numbers until its errors in use become smaller by these.",
-  outlier_sample: outliers, outlier_view: outliers, outlier_point: outliers,
-  sigma: 'Record more varied postures, above all ones that move what is named.',
-  moved: 'Ask of each pose that is named: can it have been that far off? If not, something else is wrong.',
-  prior: 'Data and prior contradict each other: check which of the two is wrong.',
-  held_out: 'Use no more than the mounts until this is mended; record more postures.',
-  unobservable: 'Hold one of the numbers that are named, give it a prior, or record what would tell it.',
-  few_data: 'Record more postures, or estimate less.',
-  duplicates: 'Leave out all copies but one.',
-  outside_image: 'Check image_size and the detector.',
-  implausible: 'Correct the numbers that are named first; everything else may follow from them.',
-  rejected: 'Look at what was taken out: a fifth of the samples is too many for chance.',
-  unexplained: 'Look at the sensor and the samples that fit worst: something is wrong that no number of the rig can take up.',
-  not_converged: 'Mend what the first finding names, then calibrate again.',
-  minima: 'Give better starting values for what is named, or record more varied postures.',
-  width: 'Look for a mistake that these numbers take up: a board size, a wrong link, the sign of a joint.',
-  gears: 'Estimate the gear ratios, too (--group gears).',
-  few_poses: 'State how accurate the robot is.',
-  repeated: 'Let the robot move between pictures.',
-  never_seen: 'Record samples that show it, or take it out of the rig.',
-};
-
 /** A sentence begins with a capital; a name stays as it is. */
 export function capital(text: string): string {
   return /^[a-z]+([ ,;:']|$)/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
-}
-
-/** Why, without the list of what was held: it stands under a heading of its own. */
-export function withoutHeld(why: string): string {
-  return why.replace(/; \d+ numbers? (is|are) as the rig has (it|them), for the data do not tell[^;]*/, '');
 }
 
 /** With one full stop at its end. */
@@ -69,50 +27,30 @@ export function openDirections(result: Result): WeakDirection[] {
   return (result.weak_directions ?? []).filter((weak) => !isChosen(weak));
 }
 
-/** One source, in one order: what the verdict says is next, what was found, the cure of each warning; each cure once.
+/** One source, in one order: what the verdict says is next, then the cure of each finding and warning; each cure once.
  *  Nothing else is advice, so that this never says other than the verdict. */
 export function nextSteps(result: Result): Advice[] {
   const steps: Advice[] = [];
-  const known: string[] = [];
-  const { why: shown, actions } = splitVerdict(result.verdict?.text ?? '');
-  const said = (text: string) => text.length > 20 && normal(shown).includes(normal(text));
-  const add = (text: string, why?: string) => {
-    const key = normal(text);
-    if (!key || known.some((k) => k.includes(key) || (k.length > 20 && key.includes(k)))) return;
-    known.push(key);
+  const known = new Set<string>();
+  const add = (text: string | undefined, why?: string) => {
+    if (!text || known.has(normal(text))) return;
+    known.add(normal(text));
     steps.push({ text: sentence(capital(text)), why });
   };
-  const findings = result.findings ?? [];
-  const next = result.verdict?.next ?? (findings.length ? [] : actions.filter((action) => !/^see also/.test(action)
-    && !/numbers? (are|is) as the rig has/.test(action)));
-  for (const step of next) add(step);
-  // What the verdict has in full is named here only.
-  for (const { id, text } of findings)
-    if (said(text ?? '')) add(`Undo what the verdict names (${id}), then calibrate again.`);
-    else add(text ?? '', 'found by kincal check');
-  for (const warning of result.warnings ?? []) {
-    // The verdict decides by this one and has said what to do about it, or a finding explains it.
-    if (said(splitVerdict(warning.text ?? '').why) && steps.length) continue;
-    if (findings.length && ['not_converged', 'unexplained'].includes(warning.id)) continue;
-    if (warning.id === 'chi2' && result.warnings!.some((other) => other.id === 'unexplained')) continue;   // the same, said better
+  for (const step of result.verdict?.next ?? []) add(step);
+  for (const notice of [...(result.findings ?? []), ...(result.warnings ?? [])]) {
+    if (notice.in_verdict) continue;   // its cure is what the verdict says is next
     const open = openDirections(result);
-    if (['sigma', 'unobservable'].includes(warning.id) && open.length) {
-      // Several directions with one cure differ in what could be held only.
-      const told = new Set<string>();
+    if (notice.of_directions && open.length) {
+      const told = new Set<string>();   // of several with one reason the first
       for (const weak of open) {
-        const [cure, hold] = (weak.cure ?? '').split('; or hold ');
-        add(hold && told.has(cure) ? `Or hold ${hold}` : weak.cure ?? '', weakSentence(weak));
-        told.add(cure);
+        const reason = [weak.reason, ...(weak.joints ?? [])].join();
+        if (!told.has(reason)) add(weak.cure, weakSentence(weak));
+        told.add(reason);
       }
       continue;
     }
-    const small = warning.id === 'chi2' && (chi2PerDof(result) ?? 1) < 1 && !warning.names?.length;
-    const cure = small ? 'State the noise that is seen (--estimate-noise): the errors are smaller than stated, and so are the true uncertainties.'
-      : cures[warning.id];
-    // What stands in the verdict already is not said again behind its cure.
-    const why = splitVerdict(warning.text ?? '').why;
-    if (cure) add(cure, said(why) ? undefined : why);
-    else add(warning.text ?? '');
+    add(notice.cure, notice.what);
   }
   if (result.verdict?.use === 'good')
     add('Use it: copy robot.urdf to the robot; changes.yaml has the same numbers for a robot from xacro.');

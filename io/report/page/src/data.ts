@@ -5,7 +5,7 @@
 export type Pose7 = number[];
 export type Maybe = number | null;
 
-export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string; next?: string[] }
+export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string; why?: string; next?: string[]; see?: string[] }
 export interface SplitErrors {
   points: number;
   rms_before: Maybe; rms: Maybe; rms_as_read: Maybe;
@@ -61,8 +61,13 @@ export interface Validation {
   frames?: Record<string, { base: string; taken_as_exact?: string[]; workspaces: Record<string, Predicted> }>;
   requirements?: Requirement[];
 }
-export interface Warning { id: string; text: string; names?: string[] }
-export interface Finding { id: string; text: string; where?: string[]; chi2_as_is?: Maybe; chi2_corrected?: Maybe }
+/** What findings and warnings have in common: a clause each for what is the case and what to do. */
+export interface Notice {
+  id: string; text: string; severity?: 'remark' | 'doubt' | 'fault'; what?: string; why?: string; cure?: string;
+  in_verdict?: boolean; of_directions?: boolean;
+}
+export interface Warning extends Notice { names?: string[] }
+export interface Finding extends Notice { where?: string[]; chi2_as_is?: Maybe; chi2_corrected?: Maybe }
 export interface Leverage { sample: string; parameter: string; moved_sigmas: Maybe }
 
 export interface Link {

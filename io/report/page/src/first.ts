@@ -1,5 +1,5 @@
 // The first screen: the verdict, the three figures that matter, what to do next, what was held.
-import { type Advice, type HeldLine, badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, splitVerdict, withoutHeld } from './advice';
+import { type Advice, type HeldLine, badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence } from './advice';
 import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
 import { h, svg, type Child } from './dom';
 import { digits, none, plainName, plural, shown, size, time } from './format';
@@ -178,7 +178,7 @@ export function actions(steps: Advice[], held: HeldLine[], nothing: string): HTM
 export function firstScreen(context: Context): HTMLElement {
   const { result } = context;
   const verdict = result.verdict;
-  const why = withoutHeld(splitVerdict(verdict?.text ?? '').why);
+  const why = verdict?.why ?? verdict?.text ?? '';
   const held = heldLines(result);
   return h('div', { class: 'first', id: 'verdict' },
     judgement(verdict ? { use: verdict.use, ...words[verdict.use] } : { use: 'unknown', sign: '…', word: 'No verdict', say: '' },

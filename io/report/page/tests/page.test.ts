@@ -1,7 +1,7 @@
 // Proves the functions that the page is made of: numbers and names as text, statistics, rigid motions and kinematics,
 // what is told first, the order of an overview. Does not prove what a browser draws: tests/browser.mjs does.
 import { describe, expect, test } from 'vitest';
-import { badlyKnown, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, splitVerdict, withoutHeld } from '../src/advice';
+import { badlyKnown, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, weakSentence } from '../src/advice';
 import { componentNames, components, context, judged, openPoses, table, type Link, type Report, type Result } from '../src/data';
 import { pooled } from '../src/first';
 import { csv, digits, list, plainList, plainName, quantity, size, time } from '../src/format';
@@ -111,36 +111,24 @@ describe('mathematics', () => {
 });
 
 describe('what is told first', () => {
-  test('the verdict is taken apart into why and what to do', () => {
-    expect(splitVerdict("step 'a' did not converge. What to do: look at x; see also the warning moved"))
-      .toEqual({ why: "step 'a' did not converge", actions: ['look at x', 'see also the warning moved'] });
-    expect(splitVerdict('converged')).toEqual({ why: 'converged', actions: [] });
-  });
   const weak = { parameters: { 'sensor/arm/pose.z': 1 }, unit: 'm', sigma: 0.05, reason: 'joint_noise', why: 'w', cure: 'hold it' };
-  test('a finding comes first, then what the verdict asks, then cures; nothing twice', () => {
+  test('what the verdict says is next comes first, then the cures of findings and warnings; nothing twice', () => {
     const result: Result = {
-      verdict: { use: 'no', text: 'x is wrong. What to do: first look at f: the board of the hand is mirrored' },
-      findings: [{ id: 'f', text: 'the board of the hand is mirrored' }], weak_directions: [weak], warnings: [{ id: 'sigma', text: 's' }],
+      verdict: { use: 'no', text: 't', why: 'x is wrong', next: ['undo the mirroring'] },
+      findings: [{ id: 'f', text: 't', what: 'the board is mirrored', cure: 'undo the mirroring', in_verdict: true }], weak_directions: [weak],
+      warnings: [{ id: 'sigma', text: 's', what: 'known badly', cure: 'record more', of_directions: true }, { id: 'chi2', text: 'c', what: 'too large', cure: 'Undo the mirroring' }],
     };
-    const texts = nextSteps(result).map((s) => s.text);
-    expect(texts.slice(0, 2)).toEqual(['The board of the hand is mirrored.', 'Hold it.']);
-    expect(texts.length).toBe(2);                        // the warning sigma says what the weak direction says better
+    expect(nextSteps(result)).toEqual([{ text: 'Undo the mirroring.', why: undefined }, { text: 'Hold it.', why: weakSentence(weak) }]);
   });
-  test('one source: the verdict first, then what was found, then the cure of each warning, each once', () => {
+  test('the cure of each warning once, behind it what is the case', () => {
+    const outlier = { text: '', cure: 'look at what was recorded there, or leave it out' };
     const result: Result = {
-      verdict: { use: 'doubts', text: 'converged, but 3 samples are far off. What to do: look at these, or leave them out; see also the warnings chi2 and sigma', next: ['look at these, or leave them out'] },
-      warnings: [{ id: 'outlier_sample', text: '3 samples are far off' }, { id: 'outlier_view', text: 'two views' }, { id: 'outlier_point', text: 'one point' }, { id: 'joint_noise', text: 'joint a is noisier' }],
+      verdict: { use: 'doubts', text: 't', next: [outlier.cure] },
+      warnings: [{ id: 'outlier_sample', ...outlier, what: '3 samples', in_verdict: true }, { id: 'outlier_view', ...outlier, what: 'two views' },
+        { id: 'joint_noise', text: '', what: 'joint a is noisier', cure: 'state its noise' }, { id: 'minima', text: 'no cure' }],
       validation: { test: {} },
     };
-    const texts = nextSteps(result).map((s) => s.text);
-    expect(texts[0]).toBe('Look at these, or leave them out.');
-    expect(texts.filter((text) => /--reject/.test(text)).length).toBe(1);
-    expect(texts.length).toBe(3);
-  });
-  test('a finding that the verdict has in full is not said twice', () => {
-    const text = 'The joint elbow turns the other way. chi2 is 12 without.';
-    const steps = nextSteps({ verdict: { use: 'doubts', text: `converged, but a mistake was found: joint-sign: ${text}`, next: [] }, findings: [{ id: 'joint-sign', text }], validation: { test: {} } });
-    expect(steps.map((s) => s.text)).toEqual(['Undo what the verdict names (joint-sign), then calibrate again.']);
+    expect(nextSteps(result)).toEqual([{ text: 'Look at what was recorded there, or leave it out.', why: undefined }, { text: 'State its noise.', why: 'joint a is noisier' }]);
   });
   test('a direction that a prior closes is a choice, not advice, and not the weakest', () => {
     const weak = (name: string, withPriors: number | null) => ({ parameters: { [name]: 1, 'target/t/pose.rz': -1 }, unit: 'rad', sigma: null, sigma_with_priors: withPriors, reason: 'same_axis', why: '', cure: `Hold ${name}` });
@@ -169,18 +157,12 @@ describe('what is told first', () => {
     const parameters = { 'joint/a/offset': p(0.05, 'rad'), 'joint/b/offset': p(0.001, 'rad'), 'joint/c/offset': p(0, 'rad'), 'target/t/square': p(null, 'm') };
     expect(badlyKnown({ parameters }).map((c) => c.name)).toEqual(['joint/a/offset', 'target/t/square']);
   });
-  test('what only tells of held numbers is nothing to do', () => {
-    const text = 'converged, but a. What to do: record more varied postures; 36 numbers are as the rig has them, for the data do not tell';
-    expect(nextSteps({ verdict: { use: 'doubts', text }, validation: { test: {} } }).map((s) => s.text)).toEqual(['Record more varied postures.']);
+  test('of several directions with one reason the first is said', () => {
+    const weak = (name: string) => ({ parameters: { [name]: 1 }, unit: 'm', sigma: 0.1, reason: 'free_targets', why: '', cure: `more samples; or hold ${name}` });
+    const texts = nextSteps({ verdict: { use: 'no', text: 'x' }, weak_directions: [weak('a'), weak('b')], warnings: [{ id: 'sigma', text: 'far', of_directions: true }] }).map((s) => s.text);
+    expect(texts).toEqual(['More samples; or hold a.']);
   });
-  test('a cure of several directions is said once, then only what could be held', () => {
-    const weak = (name: string) => ({ parameters: { [name]: 1 }, unit: 'm', sigma: 0.1, reason: '', why: '', cure: `more samples; or hold ${name}` });
-    const texts = nextSteps({ verdict: { use: 'no', text: 'x' }, weak_directions: [weak('a'), weak('b')], warnings: [{ id: 'sigma', text: 'far' }] }).map((s) => s.text);
-    expect(texts).toEqual(['More samples; or hold a.', 'Or hold b.']);
-  });
-  test('what the verdict says does not stand behind its cure again', () => {
-    const why = 'the model does not explain the data at all';
-    expect(nextSteps({ verdict: { use: 'no', text: why }, warnings: [{ id: 'unexplained', text: why }] })[0].why).toBeUndefined();
+  test('a sentence ends with one full stop', () => {
     expect([sentence('one'), sentence('one.'), sentence('is it?')]).toEqual(['one.', 'one.', 'is it?']);
   });
   test('held numbers are counted by reason', () => {
@@ -197,10 +179,6 @@ describe('what is told first', () => {
     const line = heldLines({ scene, parameters: { 'joint/a/offset': p, 'sensor/c/pose': p, 'target/t/square': p } })[0];
     expect(heldSentence(line)).toBe('No step of the rig frees the gear scales, joint origins, lenses and other zero offsets: they count as exact.');
     expect(heldLines({})[0].text).toBe('What no step of the rig frees counts as exact');
-  });
-  test('what was held is not said in the verdict and again below it', () => {
-    expect(withoutHeld('converged; fine (chi2/dof 1); 14 numbers are as the rig has them, for the data do not tell (what is predicted counts that): a, b and 12 more; see the warning x'))
-      .toBe('converged; fine (chi2/dof 1); see the warning x');
   });
 });
 

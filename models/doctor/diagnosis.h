@@ -1,0 +1,23 @@
+// What the doctor returns: the mistakes that it found, and what they explain.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../notices/notice.h"
+
+namespace kincal {
+
+/// A Diagnosis is all that was found, and what it explains.
+struct Diagnosis {
+  std::vector<Notice> findings;  // what explains most first; those without a fit last
+  std::optional<double> chi2;    // as is; nothing: the fit cannot start
+  long dof = 0;
+  std::string verdict;  // one or more sentences
+  std::string
+      readings;  // what errors of the joint readings would explain; empty: not, or not asked
+  std::vector<std::string> tested;  // ids of the mistakes that were looked for
+};
+
+}  // namespace kincal
