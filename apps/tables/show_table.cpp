@@ -175,18 +175,16 @@ std::vector<std::string> weak_lines(const Field& result) {
   return out;
 }
 
-/// Findings or warnings of a result; of what its verdict says no more than why. (A finding that is a
+/// Findings or warnings of a result, but for those that its verdict speaks of. (A finding that is a
 /// remark stands among the warnings.)
 std::vector<std::string> unsaid(const Field& result, const char* key, bool remarks) {
   const Field list = result[key];
   std::vector<std::string> out;
   for (size_t i = 0; i < list.size(); ++i) {
     const Field notice = list.item(i);
-    const bool said = notice.has("in_verdict");
-    const char* words = !said ? "text" : notice.has("why") ? "why" : nullptr;
     const bool remark = notice.has("severity") && notice["severity"].string() == "remark";
-    if (words && (remarks || !remark))
-      out.push_back(notice["id"].string() + ": " + notice[words].string());
+    if (!notice.has("in_verdict") && (remarks || !remark))
+      out.push_back(notice["id"].string() + ": " + notice["text"].string());
   }
   return out;
 }

@@ -191,20 +191,20 @@ const char* severity_name(Severity severity) {
   return severity == Severity::fault ? "fault" : severity == Severity::doubt ? "doubt" : "remark";
 }
 
-/// What findings and warnings have in common. `about`: the kind that the verdict speaks of.
-Json notice_json(const Notice& n, const std::optional<NoticeKind>& about) {
+/// What findings and warnings have in common. `about`: the kinds that the verdict speaks of.
+Json notice_json(const Notice& n, const std::vector<NoticeKind>& about) {
   Json out = {{"id", id(n.kind)},
               {"text", sentences(n)},
               {"severity", severity_name(n.severity)},
               {"what", n.what}};
   if (!n.why.empty()) out["why"] = n.why;
   if (!n.cure.empty()) out["cure"] = n.cure;
-  if (n.kind == about) out["in_verdict"] = true;
+  if (std::count(about.begin(), about.end(), n.kind)) out["in_verdict"] = true;
   if (is_of_directions(n.kind)) out["of_directions"] = true;
   return out;
 }
 
-Json warning_list(const Notices& warnings, const std::optional<NoticeKind>& about = {}) {
+Json warning_list(const Notices& warnings, const std::vector<NoticeKind>& about = {}) {
   Json out = Json::array();
   for (const Notice& w : warnings) {
     out.push_back(notice_json(w, about));
@@ -424,7 +424,7 @@ Json evaluation_json(const Evaluation& evaluation, const Notices& warnings) {
           {"warnings", warning_list(warnings)}};
 }
 
-Json findings_json(const Notices& findings, const std::optional<NoticeKind>& about) {
+Json findings_json(const Notices& findings, const std::vector<NoticeKind>& about) {
   Json out = Json::array();
   for (const Notice& f : findings) {
     out.push_back(notice_json(f, about));

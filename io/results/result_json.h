@@ -23,7 +23,7 @@ Json result_json(const Report& report);
 Json evaluation_json(const Evaluation& evaluation, const Notices& warnings);
 
 /// Returns [{id, text, where, chi2_as_is, chi2_corrected}].
-Json findings_json(const Notices& findings, const std::optional<NoticeKind>& about = std::nullopt);
+Json findings_json(const Notices& findings, const std::vector<NoticeKind>& about = {});
 /// Returns {use, text, why, next, see}.
 Json verdict_json(const Verdict& verdict);
 /// Returns {findings, chi2, dof, verdict, tested}.

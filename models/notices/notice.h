@@ -148,6 +148,7 @@ struct Notice {
   // Of mistakes that were proved by fits: chi2 with the mistake (nothing: that fit cannot start)
   // and without.
   std::optional<double> chi2_as_is = {}, chi2_corrected = {};
+  std::optional<NoticeKind> cause = {};  // the finding that this one speaks of
   bool estimated = false;  // no mistake where it is estimated: stands behind the others
 };
 

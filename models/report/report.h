@@ -34,10 +34,10 @@ constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
 struct Verdict {
   std::string use, why;
   std::vector<std::string> next = {};
-  std::optional<NoticeKind> about = {};  // the finding or warning that decided
-  std::vector<NoticeKind> see = {};      // other warnings
-  std::vector<std::string> held = {};    // parameters fixed because the data do not determine them
-  std::vector<std::string> unmet = {};   // requirements
+  std::vector<NoticeKind> about = {};   // the finding or warning that decided, and its cause
+  std::vector<NoticeKind> see = {};     // other warnings
+  std::vector<std::string> held = {};   // parameters fixed because the data do not determine them
+  std::vector<std::string> unmet = {};  // requirements
 };
 /// Returns a verdict as one paragraph.
 std::string sentences(const Verdict& verdict);

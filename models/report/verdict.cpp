@@ -154,6 +154,7 @@ std::optional<Notice> why_unexplained(const Report& report) {
     finding = first;
   if (finding) {
     out.where = finding->where;
+    out.cause = finding->kind;
     out.why = std::string("a mistake is likelier than noise stated too small: ") +
               id(finding->kind) + ": " + finding->what;
     out.cure = "undo it and calibrate again: " + finding->cure;
@@ -196,8 +197,12 @@ std::optional<Notice> why_unexplained(const Report& report) {
 namespace {
 
 /// A notice in the verdict, with its id if it is a mistake.
-std::string named(const Notice& n) {
-  return is_mistake(n.kind) ? std::string(id(n.kind)) + ": " + n.what : n.what;
+std::string said(const Notice& n) {
+  const std::string all = n.why.empty() ? n.what : n.what + ". " + capital(n.why);
+  return is_mistake(n.kind)
+             ? "a mistake was found that the result may have taken up: " + std::string(id(n.kind)) +
+                   ": " + all
+             : all;
 }
 
 /// The first finding that is more than a remark; null: none.
@@ -208,21 +213,19 @@ const Notice* first_finding(const Report& report) {
   return nullptr;
 }
 
-Verdict no(const Notice& fault) {
-  Verdict out{"no", fault.why.empty() ? fault.what : fault.what + ". " + capital(fault.why)};
-  if (!fault.cure.empty()) out.next = {fault.cure};
-  out.about = fault.kind;
+/// What a verdict says that a notice decides.
+Verdict decided_by(const char* use, const char* begin, const Notice& n) {
+  Verdict out{use, begin + said(n)};
+  if (!n.cure.empty()) out.next = {n.cure};
+  out.about = {n.kind};
+  if (n.cause) out.about.push_back(*n.cause);
   return out;
 }
 
 /// A fault that a doubt explains is said behind that.
 Verdict no_because(const Notice& cause, const Notice& fault) {
-  Verdict out{
-      "no",
-      (is_mistake(cause.kind) ? "a mistake was found that the result may have taken up: " : "") +
-          named(cause) + ". Only then does it count that " + fault.what};
-  if (!cause.cure.empty()) out.next = {cause.cure};
-  out.about = cause.kind;
+  Verdict out = decided_by("no", "", cause);
+  out.why += ". Only then does it count that " + fault.what;
   return out;
 }
 
@@ -239,18 +242,13 @@ Verdict verdict(const Report& report) {
     if (finding && explains(finding->kind, fault->kind)) return no_because(*finding, *fault);
     for (const Notice& w : report.warnings)
       if (explains(w.kind, fault->kind)) return no_because(w, *fault);
-    return no(*fault);
+    return decided_by("no", "", *fault);
   }
   if (solution.status != Status::converged) return {"no", solution.message};
 
   Verdict out{"good", ""};
   if (const Notice* first = finding ? finding : doubt) {
-    out = {"doubts", (finding ? "converged, but a mistake was found that the result may have taken "
-                                "up: "
-                              : "converged, but ") +
-                         named(*first)};
-    if (!first->cure.empty()) out.next = {first->cure};
-    out.about = first->kind;
+    out = decided_by("doubts", "converged, but ", *first);
   } else if (const std::vector<std::string> open = undetermined(report); !open.empty()) {
     out = {"doubts",
            size_words(solution) + ", but not determined: " + listed(open),
@@ -259,7 +257,7 @@ Verdict verdict(const Report& report) {
     out.why = size_words(solution) + unchecked_words(report) + own_errors_words(report);
   }
   for (const Notice& w : report.warnings)
-    if (w.kind != out.about) out.see.push_back(w.kind);
+    if (!std::count(out.about.begin(), out.about.end(), w.kind)) out.see.push_back(w.kind);
   out.held = undetermined_by_data(report.automatic);
   for (const Judgement& j : report.validation.requirements)
     if (!j.met) out.unmet.push_back(j.requirement.text);
@@ -281,7 +279,7 @@ std::string sentences(const Verdict& v) {
   std::vector<std::string> ids;
   for (const NoticeKind kind : v.see) ids.emplace_back(id(kind));
   if (!ids.empty())
-    out += std::string("; see ") + (v.about ? "also " : "") + "the " +
+    out += std::string("; see ") + (v.about.empty() ? "" : "also ") + "the " +
            (ids.size() == 1 ? "warning " : "warnings ") + listed(ids, 5);
   for (const std::string& requirement : v.unmet) out += "; not met: " + requirement;
   return out;

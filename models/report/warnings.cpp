@@ -142,10 +142,11 @@ void warn_of_steps(const Report& report, Notices& out) {
     };
     const std::optional<Notice> identity = counts_from_identity(solution),
                                 loose = loose_parameters(report);
-    if (const Notice* first = first_mistake(report))
+    if (const Notice* first = first_mistake(report)) {
+      notice.cause = first->kind;
       notice.cure =
           std::string("first look at ") + id(first->kind) + ": " + first->what + ": " + first->cure;
-    else if (identity)
+    } else if (identity)
       because(*identity);
     else if (loose && loose->severity == Severity::fault && solution.chi2_per_dof() < kFitsWell)
       because(*loose);

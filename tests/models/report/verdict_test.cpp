@@ -217,12 +217,12 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   const Verdict verdict = judged(report);
   CHECK(ids(report) == Names{"width", "duplicates"});
   CHECK(verdict.use == "doubts");
-  CHECK(verdict.about == NoticeKind::width);
+  CHECK(verdict.about == std::vector<NoticeKind>{NoticeKind::width});
   CHECK_THAT(verdict.why, Contains("parameters of group 'offsets' are off by 17 times"));
   REQUIRE(verdict.next.size() == 1);
   CHECK_THAT(verdict.next[0], StartsWith("compare what the rig says of these parameters"));
   CHECK(verdict.see == std::vector<NoticeKind>{NoticeKind::duplicates});
 
   report.diagnosis->findings[0].severity = Severity::doubt;  // much of the data
-  CHECK(judged(report).about == NoticeKind::same_samples);
+  CHECK(judged(report).about == std::vector<NoticeKind>{NoticeKind::same_samples});
 }
