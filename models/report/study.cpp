@@ -428,14 +428,14 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
       if (g.name != name && !glob_matches(name, g.name)) continue;
       if (g.held && !g.numbers.empty()) {
         report.solution.without_effect.push_back(
-            "group " + quoted(g.name) +
+            "`group` " + quoted(g.name) +
             " was asked for, yet its numbers stay as the rig has them: " +
             text("the data speak too little for their being off (log evidence %.1f, 3 is needed). ",
                  g.gain) +
             "To estimate them all the same, free each by name (`free`), as " + g.numbers[0].name);
       } else if (!g.held && g.name != "gears") {
         report.solution.without_effect.push_back(
-            "group " + quoted(g.name) +
+            "`group` " + quoted(g.name) +
             " changes nothing: it is among those tried anyway, and was "
             "estimated");
       }

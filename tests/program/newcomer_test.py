@@ -751,7 +751,7 @@ class Words(Case):
                 result, text = self.calibrate(samples, code=code, rig="open.yaml")
                 self.assertEqual(result["verdict"]["use"], "no")
                 said = result["verdict"]["text"]
-                self.assertIn("sensor 'cam' against target 'board' turned about one axis only", said)
+                self.assertIn("ensor 'cam' against target 'board' turned about one axis only", said)
                 self.assertIn("turn one of them about at least two axes that are not parallel", said)
                 self.assertNotRegex(said, r"[-+][0-9.]+ sensor/cam/pose")   # coefficients stand in result.json
 

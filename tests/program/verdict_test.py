@@ -99,7 +99,7 @@ class ExitCode(Case):
         result, warnings = self.calibrate(self.other_square(0.03), code=5)
         self.assertEqual(result["status"], "unexplained")
         self.assertEqual(result["findings"][0]["id"], "square")
-        for words in ("A mistake is likelier than noise", "square: ", "Undo it"):
+        for words in ("A mistake is likelier than noise", "square: ", "undo it"):
             self.assertIn(words, result["verdict"]["text"])
         self.assertEqual(result["warnings"][0]["id"], "unexplained")
 
@@ -204,7 +204,7 @@ class Words(Case):
         rig = self.write("automatic.yaml", self.text[:self.text.index("estimate:")])
         result, _ = self.calibrate(rig)
         held = [h for h in result["held"] if h["reason"] == "undetermined"]
-        self.assertIn("; %d numbers are as the rig has them, for the data do not tell (what is predicted counts that): %s" % (len(held), held[0]["parameter"]), result["verdict"]["text"])
+        self.assertIn("; %d parameters were kept at their nominal values because the data do not determine them (predicted errors account for this): %s" % (len(held), held[0]["parameter"]), result["verdict"]["text"])
 
     def test_one_line_a_kind(self):
         """Priors that the data contradict, and joints noisier than stated: counted, the worst named, the names in result.json."""
