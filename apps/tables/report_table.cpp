@@ -8,6 +8,7 @@
 #include "../../io/document/numbers.h"
 #include "../../models/report/warnings.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/scales.h"
 #include "plan_table.h"
 #include "show_table.h"
 #include "table.h"
@@ -113,8 +114,7 @@ std::string restart_table(const Restarts& restarts, bool converged) {
 
 /// Whether a number that the data do not tell is known all the same to 1 cm or 1 degree.
 bool is_bounded(const WeakDirection& w) {
-  const double limit = w.unit == "m" ? 0.01 : w.unit == "rad" ? kPi / 180 : kInfinity;
-  return w.sigma_with_priors < limit;
+  return w.sigma_with_priors < pose_scales(w.unit).yardstick;
 }
 
 /// Weak directions, what priors decide, strong correlations. `automatic`: the priors are what the

@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/scales.h"
 #include "../../models/rig/selection.h"
 #include "../../models/rig/words.h"
 #include "../document/files.h"
@@ -132,7 +133,7 @@ Evidence sight(const CalibratedFiles& files, Information data, const std::string
       throw InputError(path + ":1: '" + data.names[i] + "' is no parameter of the rig beside it");
     const Component c = found->second;
     const Parameter& p = table.all[c.parameter];
-    scale(i) = usual_error(table, c, files.values);
+    scale(i) = scales(table, c, files.values).usual;
     if (p.pose) {
       const Pose own = get_pose(files.values, p.start);
       at(i) = log_se3(inverse(reference_of(p.name, own, references)) * own)(c.index);

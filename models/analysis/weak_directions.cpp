@@ -8,6 +8,7 @@
 #include "../../solver/decompositions.h"
 #include "../../solver/observability.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/selection.h"
 #include "../rig/words.h"
 #include "reasons.h"
@@ -54,7 +55,7 @@ SharedColumns make_columns(const ParameterTable& table, const Solution& solution
     for (const Prior& p : solution.setup.priors)
       if (p.parameter == components[i].parameter && p.component == components[i].index)
         out.prior(i) = p.sigma;
-    out.yardstick(i) = yardstick(table, components[i], solution.values.shared);
+    out.yardstick(i) = scales(table, components[i], solution.values.shared).yardstick;
     if (out.prior(i) > 0) out.yardstick(i) = std::min(out.yardstick(i), out.prior(i));
     out.sigma(i) = std::sqrt(std::max(0.0, solution.covariance(i, i)));
   }

@@ -3,13 +3,13 @@
 //
 // C is the covariance of the shared unknowns from the data alone: the last step's without its
 // priors. Where C does not exist (solver/observability.h: null directions) nothing but a prior
-// decides. Of the rest, a component is weak if its sigma is above its yardstick: 1 cm, 1 degree, 1
-// % (of a focal length, of a size, of a gear), 0.1 for lens coefficients, or its prior's sigma
-// where that is less. Which numbers would have to be held is found by a pivoted Cholesky
-// factorisation of C in yardsticks: the worst component i goes first and is taken as held, C <- C -
-// C_i C_i' / C_ii, until no component is weak. Each of these pivots K gives a direction: how the
-// other unknowns follow it while the other pivots stand still, the columns of C_K (C_KK)^-1; its
-// sigma is the pivot's. (Eigenvectors would mix directions of like sigma.)
+// decides. Of the rest, a component is weak if its sigma is above its yardstick
+// (models/rig/scales.h), or its prior's sigma where that is less. Which numbers would have to be
+// held is found by a pivoted Cholesky factorisation of C in yardsticks: the worst component i goes
+// first and is taken as held, C <- C - C_i C_i' / C_ii, until no component is weak. Each of these
+// pivots K gives a direction: how the other unknowns follow it while the other pivots stand still,
+// the columns of C_K (C_KK)^-1; its sigma is the pivot's. (Eigenvectors would mix directions of
+// like sigma.)
 //
 // Why is looked for in the model (reasons.h). Where that finds no reason, or free targets, and with
 // exact readings sigma were less than half, the joints' noise hides it.

@@ -9,6 +9,7 @@
 #include "../estimation/estimation.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -25,14 +26,6 @@ bool is_pair(const Rig& rig, int a, int b) {
 }
 
 namespace {
-
-// Widths that groups begin with.
-constexpr double kOffset = 0.005, kSlide = 0.001;  // rad, m
-constexpr double kLength = 0.001, kAngle = 0.002;  // m, rad
-constexpr double kSize = 0.02, kBaseline = 0.002;  // share, m
-constexpr double kBend = 0.0005;                   // m
-constexpr double kLens = 0.02, kDistortion = 0.5;  // share of the focal length; as the numbers are
-constexpr double kScanScale = 0.02, kScanOffset = 0.01, kGear = 1e-3;
 
 class GroupMaker {
  public:
@@ -55,6 +48,7 @@ class GroupMaker {
   std::vector<Chain> chains() const;
   std::map<int, std::string> runs() const;
   bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
+  void add(const std::string& group, int parameter, int component);
   void add(const std::string& group, int parameter, int component, double start);
 
   const Rig& rig_;
@@ -149,6 +143,10 @@ void GroupMaker::make_mounts() {
       hold_pointing(table_.target_mount[t]);
 }
 
+void GroupMaker::add(const std::string& group, int parameter, int component) {
+  add(group, parameter, component, scales(table_, {parameter, component}, table_.initial).width);
+}
+
 void GroupMaker::add(const std::string& group, int parameter, int component, double start) {
   auto found = std::find_if(out_.groups.begin(), out_.groups.end(),
                             [&](const WidthGroup& g) { return g.name == group; });
@@ -166,14 +164,15 @@ void GroupMaker::make_joints() {
     if (offset < 0 || table_.all[offset].hidden() || !(used_[offset] || carries_[j])) continue;
     const bool slides = rig_.tree.joints[j].type == JointType::prismatic;
     if (scans[j]) {
-      add("scan offsets", offset, 0, kScanOffset);
-      add("scan scales", scale, 0, kScanScale);
+      add("scan offsets", offset, 0, kScanningOffset);
+      add("scan scales", scale, 0,
+          kScanningScale * std::abs(table_.initial(table_.all[scale].start)));
     } else {
-      add(slides ? "slides" : "offsets", offset, 0, slides ? kSlide : kOffset);
-      add("gears", scale, 0, kGear);
+      add(slides ? "slides" : "offsets", offset, 0);
+      add("gears", scale, 0);
     }
     for (int k = 2; k < rig_.joints[j].model->size(); ++k)
-      if (used_[offset + k]) add("shapes", offset + k, 0, table_.all[offset + k].usual_error);
+      if (used_[offset + k]) add("shapes", offset + k, 0);
   }
 }
 
@@ -272,8 +271,7 @@ void GroupMaker::make_geometry() {
     for (int c = 0; c < 6; ++c) {
       const bool own = joint.moves() && (c < 3) == (joint.type == JointType::prismatic) &&
                        c % 3 == component_along(joint.axis);  // the offset has it
-      if (!own)
-        add((c < 3 ? "lengths/" : "angles/") + entry.second, origin, c, c < 3 ? kLength : kAngle);
+      if (!own) add((c < 3 ? "lengths/" : "angles/") + entry.second, origin, c);
     }
   }
 }
@@ -281,24 +279,22 @@ void GroupMaker::make_geometry() {
 void GroupMaker::make_targets_and_sensors() {
   for (size_t t = 0; t < rig_.targets.size(); ++t) {
     const int square = table_.target_square[t];
-    if (square >= 0 && used_[square])
-      add("sizes", square, 0, kSize * table_.initial(table_.all[square].start));
+    if (square >= 0 && used_[square]) add("sizes", square, 0);
     const int warp = table_.target_warp[t];
     for (int c = 0; warp >= 0 && c < 2; ++c)
-      if (used_[warp]) add("bends", warp, c, kBend);
+      if (used_[warp]) add("bends", warp, c);
   }
   for (size_t s = 0; s < rig_.sensors.size(); ++s)
     for (size_t b = 0; b < rig_.sensors[s].parameters.size(); ++b) {
       const int p = table_.sensor_block[s] + static_cast<int>(b);
       const Parameter& parameter = table_.all[p];
       if (!used_[p]) continue;
-      const double first = table_.initial(parameter.start);
-      if (parameter.kind == ParameterKind::baseline && first != 0)
-        add("baselines", p, 0, kBaseline);
+      if (parameter.kind == ParameterKind::baseline && table_.initial(parameter.start) != 0)
+        add("baselines", p, 0);
       for (int c = 0; c < parameter.size(); ++c) {
         if (parameter.kind == ParameterKind::intrinsics)
-          add(c < 2 ? "focal lengths" : "centres", p, c, kLens * std::abs(first));
-        if (parameter.kind == ParameterKind::distortion) add("distortion", p, c, kDistortion);
+          add(c < 2 ? "focal lengths" : "centres", p, c);
+        if (parameter.kind == ParameterKind::distortion) add("distortion", p, c);
       }
     }
 }

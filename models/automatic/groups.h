@@ -8,20 +8,17 @@
 //
 // Groups. Numbers of one kind, of which nothing is known but how far such numbers are usually off:
 // x_i ~ N(0, t_i^2) around the rig's values, t_i = factor * start_i with one unknown factor a group
-// (widths.h). Numbers of a kind are exchangeable: that is an assumption.
+// (widths.h), from the widths of the table of scales (rig/scales.h). Numbers of a kind are
+// exchangeable: that is an assumption.
 //
-//   offsets          of revolute joints                5 mrad
-//   slides           of prismatic ones                 1 mm
-//   lengths, angles  numbers of origins, by run        1 mm, 2 mrad
-//   sizes            of boards                         2 %
-//   bends            warps of boards that have them    0.5 mm
-//   baselines                                          2 mm
-//   focal lengths    of each camera                    2 %
-//   centres                                            2 % of the focal length
-//   distortion                                         0.5
-//   scan scales, scan offsets  of a laser's joint      2 %, 10 mrad
-//   shapes           of joint models                   their usual errors
-//   gears            scales of all others              1e-3; only when asked for
+//   offsets, slides            of revolute joints; of prismatic ones
+//   lengths, angles            numbers of origins, by run
+//   sizes, bends               of boards; warps of those that have them
+//   baselines
+//   focal lengths, centres, distortion  of each camera
+//   scan scales, scan offsets  of a laser's joint
+//   shapes                     of joint models
+//   gears                      scales of all others; only when asked for
 //
 // A run is an unbranched row of joints. Of their origins all numbers are members but what moves
 // along the joint's own axis, which is its offset's, and fixed joints below which nothing moves,
@@ -77,14 +74,14 @@ struct ArmScale {
 };
 
 /// A LoneLength is a length of the arm that may be wrong alone, in place of sizes of boards
-/// (squares) or baselines that came out as others: off by kLoneLength m at least, and by kLoneTimes
-/// as much as the lengths of other joints (lone_lengths.h).
+/// (squares) or baselines that came out as others: off by as much as a mistake at least
+/// (rig/scales.h), and by kLoneTimes as much as the lengths of other joints (lone_lengths.h).
 struct LoneLength {
   std::string length;              // joint/NAME/origin.x
   std::vector<std::string> sizes;  // target/NAME/square, sensor/NAME/baseline
   double gain = 0;                 // log evidence for that rather than for the sizes
 };
-constexpr double kLoneLength = 0.0025, kLoneTimes = 2.5;
+constexpr double kLoneTimes = 2.5;
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
 struct GroupChoice {

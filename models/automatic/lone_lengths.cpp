@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
+#include "../rig/scales.h"
 
 namespace kincal {
 namespace {
@@ -88,10 +89,11 @@ std::optional<LoneAlternative> lone_length(const Recording& recording, const Wid
       out.length.sizes.push_back(recording.table.name(columns[i]));
   }
   if (out.length.sizes.empty()) return std::nullopt;
+  const double least = scales(ParameterKind::joint_origin, "m").least;
   Posterior roughly = widths.posterior;  // (to learn widths takes longer)
   roughly.value = with_sizes_held(widths.posterior, sizes);
   const Eigen::Index largest = largest_length(recording, columns, held, roughly, 0, -1);
-  if (largest < 0 || std::abs(roughly.value(largest)) < kRoughly * kLoneLength) return std::nullopt;
+  if (largest < 0 || std::abs(roughly.value(largest)) < kRoughly * least) return std::nullopt;
   Widths found = learn_widths(held, widths.factor, kLoneRounds);
   if (!found.defined) return std::nullopt;
   const Eigen::Index length = largest_length(recording, columns, held, found.posterior, kTold, -1);
@@ -101,7 +103,7 @@ std::optional<LoneAlternative> lone_length(const Recording& recording, const Wid
   const int joint = recording.table.all[columns[length].parameter].owner;
   const Eigen::Index next = largest_length(recording, columns, held, found.posterior, 0, joint);
   const double off = std::abs(found.posterior.value(length));
-  if (off < kLoneLength || (next >= 0 && off < kLoneTimes * std::abs(found.posterior.value(next))))
+  if (off < least || (next >= 0 && off < kLoneTimes * std::abs(found.posterior.value(next))))
     return std::nullopt;
   out.length.length = recording.table.name(columns[length]);
   out.length.gain = log_evidence(held, found.factor) - log_evidence(problem, widths.factor);

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../fitting/unknown_poses.h"
+#include "../rig/scales.h"
 
 namespace kincal {
 namespace {
@@ -12,7 +13,6 @@ namespace {
 constexpr double kPoor = 4;               // of cost per degree of freedom; of two costs
 constexpr double kUnexplainedCost = 100;  // per degree of freedom: no solution at all
 constexpr double kElsewhere = 0.2;        // m, rad: another minimum may be there
-constexpr double kFarM = 0.1, kFarRad = 10 * kPi / 180;
 
 /// How the steps free a parameter.
 struct HowFreed {
@@ -214,7 +214,7 @@ void name_replaced_starts(const std::vector<StepPlan>& plans, const Solution& fi
   for (const GivenPose& g : given_poses(plans, *solution.recording)) {
     const auto [moved, turned] =
         movement(table, g.parameter, table.initial, solution.values.shared);
-    if (moved < kFarM && turned < kFarRad) continue;
+    if (moved < pose_scales("m").reported && turned < pose_scales("rad").reported) continue;
     solution.replaced_starts.push_back(
         {table.all[g.parameter].name, moved, turned,
          first.status == Status::undefined_start ? 0.0 : cost_per_dof(first)});

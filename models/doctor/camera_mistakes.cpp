@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 #include "../sensors/sensors.h"
 
@@ -15,8 +16,6 @@ namespace {
 constexpr double kMostNormalised = 3, kLeastFocalLength = 20;
 /// A principal point that moved by less of the image's width than this is no cropped image.
 constexpr double kLeastCrop = 0.03;
-/// Focal lengths that came out nearer than this share are those of the camera.
-constexpr double kLeastRefocus = 0.04;
 
 /// fx fy cx cy of a camera; nothing: it is none.
 const std::vector<double>* intrinsics_of(const Sensor& sensor) {
@@ -198,7 +197,7 @@ MistakeAndCure focal_words(const std::string& camera, const std::vector<double>&
     if (!(factor > 0.1 && factor < 10)) return {};
     most = std::max(most, std::abs(factor - 1));
   }
-  if (!(most > kLeastRefocus)) return {};
+  if (!(most > scales(ParameterKind::intrinsics, "px").least)) return {};
   return {"the focal lengths of camera " + quoted(camera) +
               text(" are wrong: the rig says %.6g and %.6g px, the data say %.6g and %.6g px "
                    "(times %.4g)",

@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "../rig/scales.h"
 #include "camera_mistakes.h"
 #include "hypotheses.h"
 #include "joint_mistakes.h"
@@ -34,8 +35,9 @@ std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Tria
         (rig.targets[s].grid ? rig.targets[s].square : 1));
   const double low = *std::min_element(factors.begin(), factors.end()),
                high = *std::max_element(factors.begin(), factors.end());
-  const bool sane = low > 1e-4 && high < 1e4 && high < 1.1 * low &&
-                    std::max(std::abs(low - 1), std::abs(high - 1)) > 0.005;
+  const bool sane =
+      low > 1e-4 && high < 1e4 && high < 1.1 * low &&
+      std::max(std::abs(low - 1), std::abs(high - 1)) > scales(ParameterKind::square, "m").least;
   return sane ? factors : std::vector<double>();
 }
 

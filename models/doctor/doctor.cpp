@@ -52,7 +52,7 @@ Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit,
 std::vector<std::string> returned_parameters(const TrialFit& now, const TrialFit& fit) {
   std::vector<std::string> out;
   for (const auto& m : now.moved)
-    if (m.second >= Thresholds::far && fit.moved.at(m.first) <= 0.2 * m.second)
+    if (m.second.times >= 1 && fit.moved.at(m.first).times <= 0.2 * m.second.times)
       out.push_back(m.first);
   return out;
 }
@@ -80,11 +80,11 @@ bool is_given_pose(const Recording& recording, const std::string& name) {
 /// proof: by chance none comes back, and rough poses, held, explain nothing with or without.
 bool several_return(const Recording& recording, const TrialFit& now, const TrialFit& fit,
                     const std::vector<std::string>& returned) {
-  constexpr double kTimes = 10, kNear = 0.15;  // of what it was; m, rad
+  constexpr double kTimes = 10, kNear = 0.6;  // of what it was; of what is far
   return std::count_if(returned.begin(), returned.end(), [&](const std::string& name) {
-           const double left = fit.moved.at(name);
+           const double left = fit.moved.at(name).times;
            return is_given_pose(recording, name) && left < kNear &&
-                  kTimes * left < now.moved.at(name);
+                  kTimes * left < now.moved.at(name).times;
          }) > 1;
 }
 
@@ -112,7 +112,7 @@ std::optional<Evidence> prove_by_movement(const Recording& recording, const Tria
   for (const std::string& name : returned) names += (names.empty() ? "" : ", ") + name;
   const auto farthest_of = [&](const TrialFit& f) {
     double most = 0;
-    for (const std::string& name : returned) most = std::max(most, f.moved.at(name));
+    for (const std::string& name : returned) most = std::max(most, f.moved.at(name).by);
     return most;
   };
   Evidence out;
@@ -331,8 +331,8 @@ struct Outcomes {
 std::string not_a_mistake(const TrialFit& now, Ended ended) {
   std::string far;
   for (const auto& m : now.moved)
-    if (m.second > Thresholds::far)
-      far += (far.empty() ? "" : ", ") + m.first + text(" (%.3g)", m.second);
+    if (m.second.times > 1)
+      far += (far.empty() ? "" : ", ") + m.first + text(" (%.3g)", m.second.by);
   if (ended == Ended::cannot_start)
     return " from other starting values, found from the data. So none of these mistakes was made, "
            "but from the rig's values no fit can start: " +
@@ -478,7 +478,7 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
     check_starts(recording, context, now, by_fits);
     // (Where the numbers of a fit lie that explains nothing says nothing.)
     for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round &&
-                        now.farthest() > Thresholds::far && now.per_dof() < Thresholds::hopeless;
+                        now.farthest() > 1 && now.per_dof() < Thresholds::hopeless;
          ++round)
       explain(recording, context, now, true, by_fits);
   }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -331,7 +332,8 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
               " moves %.5g times as far as its readings say: its gear ratio or encoder count is "
               "%.2g %% off",
               times, 100 * std::abs(times - 1));
-      const bool is_gear = times > 0.3 && times < 3 && std::abs(times - 1) > 0.003;
+      const bool is_gear = times > 0.3 && times < 3 &&
+                           std::abs(times - 1) > scales(ParameterKind::joint_scale, "").least;
       return std::pair(
           is_gear ? mistake : "",
           (lengths.empty() ? std::string("correct it")

@@ -10,6 +10,7 @@
 #include "../analysis/noise_levels.h"
 #include "../analysis/residuals.h"
 #include "../calibration/calibration.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -149,7 +150,7 @@ Stage with_usual_errors(const Recording& recording, Stage stage) {
       const std::string name = table.name(component);
       if (freed.count(name) || table.select(name).empty()) continue;  // (a mount that is a joint)
       stage.free.push_back(name);
-      stage.priors.push_back({name, usual_error(table, component, table.initial)});
+      stage.priors.push_back({name, scales(table, component, table.initial).usual});
     }
   }
   return stage;

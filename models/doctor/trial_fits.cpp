@@ -10,6 +10,7 @@
 #include "../../solver/levenberg_marquardt.h"
 #include "../calibration/plan.h"
 #include "../fitting/starts.h"
+#include "../rig/scales.h"
 #include "../rig/selection.h"
 
 namespace kincal {
@@ -39,7 +40,8 @@ void add_usual_steps(Rig& rig, const Samples& samples) {
   rig.steps = {step};
   step.name = "offsets";
   step.free.push_back("joint/*/offset");
-  step.priors.push_back({"joint/*/offset", 0.05, 0.05, false, "joint/*/offset"});
+  const double off = scales(ParameterKind::joint_offset, "rad").usual;
+  step.priors.push_back({"joint/*/offset", off, off, false, "joint/*/offset"});
   try {
     Rig more = rig;
     more.steps.push_back(step);
@@ -244,28 +246,32 @@ std::set<int> absent_poses(const Recording& recording) {
 }
 
 /// How far freed parameters are from the rig's values, as TrialFit::moved.
-std::map<std::string, double> movements(const Recording& recording, const std::vector<Freed>& free,
-                                        const VectorXd& shared) {
-  std::map<std::string, double> out;
+std::map<std::string, Movement> movements(const Recording& recording,
+                                          const std::vector<Freed>& free, const VectorXd& shared) {
+  std::map<std::string, Movement> out;
   const ParameterTable& table = recording.table;
   const std::set<int> absent = absent_poses(recording);
   for (const Freed& f : free) {
     const Parameter& p = table.all[f.parameter];
-    double& moved = out[p.name];
+    Movement& moved = out[p.name];
     if (absent.count(f.parameter)) continue;
+    const auto include = [&](double times, double far) {  // far: m, rad or a share
+      moved.times = std::max(moved.times, times);
+      moved.by = std::max(moved.by, times * far);
+    };
     if (p.pose) {
       const Pose change = inverse(get_pose(table.initial, p.start)) * get_pose(shared, p.start);
-      moved = std::max(change.translation.norm(), log_so3(change.rotation).norm());
+      const double metres = pose_scales("m").far, radians = pose_scales("rad").far;
+      include(change.translation.norm() / metres, metres);
+      include(log_so3(change.rotation).norm() / radians, radians);
       continue;
     }
     for (int c : f.components) {
-      const double given = table.initial(p.start + c),
-                   change = std::abs(shared(p.start + c) - given);
-      const bool scale = p.kind == ParameterKind::joint_scale;  // -1 hides a sign
-      const bool focal_length = p.kind == ParameterKind::intrinsics && c < 2;
-      const bool length = scale || focal_length || (p.units[c] == "m" && given != 0);
-      if (length || p.units[c] == "rad")
-        moved = std::max(moved, length ? change / std::abs(given) : change);
+      // (A centre is elsewhere in any cropped image; a scale of -1 hides a sign.)
+      if (p.kind == ParameterKind::intrinsics && c > 1) continue;
+      const double far = scales(table, {f.parameter, c}, table.initial).far,
+                   change = std::abs(shared(p.start + c) - table.initial(p.start + c));
+      if (far > 0 && far < kInfinity) include(change / far, scales(p.kind, p.units[c]).far);
     }
   }
   return out;
@@ -289,9 +295,9 @@ double return_of_movement(const TrialFit& a, const TrialFit& b) {
   for (const auto& m : a.moved) {
     const auto other = b.moved.find(m.first);
     if (other == b.moved.end()) return 0;
-    if (m.second > Thresholds::far && other->second < 0.2 * m.second)
-      gain = std::max(gain, m.second - other->second);
-    loss = std::max(loss, other->second - m.second);
+    const double before = m.second.times, after = other->second.times;
+    if (before > 1 && after < 0.2 * before) gain = std::max(gain, before - after);
+    loss = std::max(loss, after - before);
   }
   return loss < 0.2 * gain ? gain : 0;
 }

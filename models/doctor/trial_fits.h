@@ -41,9 +41,6 @@ struct Thresholds {
   /// Where more than noise remains `decisive` is enough if the mean square of a sensor's residuals
   /// falls by this factor.
   static constexpr double of_a_sensor = 50;
-  /// An estimate is far from the rig's value if it moved by this (m, rad, share of a length): right
-  /// start values do not need it.
-  static constexpr double far = 0.25;
   /// A sample is bad if the mean square of its rows is above the median sample's by this factor.
   static constexpr double sample_excess = 25;
   /// Bad samples are a hypothesis only if they are at most this share of all.
@@ -101,6 +98,12 @@ struct TrialOptions {
   double give_up = kInfinity;  // chi2 that after some iterations is not worth more
 };
 
+/// A Movement is how far a parameter is from the rig's value; far is more than 1 time.
+struct Movement {
+  double by = 0;     // m, rad, share of a length
+  double times = 0;  // the same over what is far (Scales::far)
+};
+
 struct TrialFit {
   double chi2 = 0, cost = 0;
   long dof = 0;
@@ -110,12 +113,12 @@ struct TrialFit {
   std::vector<double> sample;   // mean square of a sample's rows, by index; NaN: not part of it
   std::vector<double> trimmed;  // the same without the worst tenth of each view's points
   std::vector<double> sensor;   // of a sensor's residuals
-  std::map<std::string, double>
-      moved;  // how far freed parameters are from the rig's values: m, rad, share of a length
+  std::map<std::string, Movement> moved;  // freed parameters, from the rig's values
 
+  /// Returns the largest movement; of more than 1 some parameter is far from where it started.
   double farthest() const {
     double out = 0;
-    for (const auto& m : moved) out = std::max(out, m.second);
+    for (const auto& m : moved) out = std::max(out, m.second.times);
     return out;
   }
 
@@ -134,8 +137,9 @@ struct TrialFit {
   }
 };
 
-/// Returns the largest difference of movements over the parameters that `a` moved far and `b` at
-/// most a fifth of that. It is 0 where there is none, or where `b` moves others farther.
+/// Returns the largest difference of movements (Movement::times) over the parameters that `a` moved
+/// far and `b` at most a fifth of that. It is 0 where there is none, or where `b` moves others
+/// farther.
 double return_of_movement(const TrialFit& a, const TrialFit& b);
 
 /// True if the fit needs no explanation.

@@ -6,6 +6,7 @@
 
 #include "../automatic/groups.h"
 #include "../rig/configuration.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 #include "bent_boards.h"
 
@@ -95,7 +96,8 @@ double found_baseline(const Solution& solution, size_t camera) {
 }  // namespace
 
 Notices pairs_apart(const Solution& solution) {
-  constexpr double kMeasured = 0.03, kSigmas = 5;  // share of the baseline
+  constexpr double kSigmas = 5;
+  const double mistaken = scales(ParameterKind::baseline, "m").mistaken;  // share
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
   solution.refresh();
@@ -114,7 +116,7 @@ Notices pairs_apart(const Solution& solution) {
                                .translation.x(),
                    given = found_baseline(solution, b) - found_baseline(solution, a),
                    seen = given + apart;
-      if (!(std::abs(apart) > std::max(kMeasured * std::abs(given), kSigmas * sigma)) ||
+      if (!(std::abs(apart) > std::max(mistaken * std::abs(given), kSigmas * sigma)) ||
           seen * given <= 0)
         continue;
       const Sensor &first = rig.sensors[a], &second = rig.sensors[b];

@@ -13,6 +13,7 @@
 #include "../analysis/hand_eye.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 
 namespace kincal {
 namespace {
@@ -161,7 +162,7 @@ std::vector<Eigen::Index> choices_among(const Solution& solution,
 
 /// The variance from which a number of a pose is known so badly that it is said.
 double open_variance(const ParameterTable& table, const Component& c) {
-  return std::pow(loose_from(table.all[c.parameter].units[c.index]), 2);
+  return std::pow(pose_scales(table.all[c.parameter].units[c.index]).yardstick, 2);
 }
 
 /// The choices against the poses at one end.
@@ -227,7 +228,8 @@ Untold find_untold(const Report& report) {
   const bool loose = std::any_of(solution.parameters.begin(), solution.parameters.end(),
                                  [](const ParameterEstimate& e) {
                                    for (size_t c = 0; e.pose && c < e.sigma.size(); ++c)
-                                     if (e.sigma[c] > loose_from(e.units[c])) return true;
+                                     if (e.sigma[c] > pose_scales(e.units[c]).yardstick)
+                                       return true;
                                    return false;
                                  });
   if (!loose || moments.rows() != static_cast<Eigen::Index>(columns.size())) return {};
@@ -252,10 +254,6 @@ Untold find_untold(const Report& report) {
 
 }  // namespace
 
-double loose_from(const std::string& unit) {
-  return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : kInfinity;
-}
-
 const Untold& untold(const Report& report) {
   if (!report.untold) report.untold = std::make_shared<const Untold>(find_untold(report));
   return *report.untold;
@@ -266,8 +264,7 @@ JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_
   const Component component = {e.parameter, static_cast<int>(c)};
   if (const auto size = untold.sizes.find(component); size != untold.sizes.end())
     out.size = size->second;
-  const double open = e.units[c] == "rad" ? 30 * kPi / 180 : 0.3;
-  if (!(out.sigma < open)) return out;
+  if (!(out.sigma < pose_scales(e.units[c]).open)) return out;
   for (const FreeZero& zero : untold.zeros) {
     const auto found = zero.sigma.find(component);
     if (found != zero.sigma.end() && found->second < out.sigma)

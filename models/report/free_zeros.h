@@ -34,10 +34,6 @@ struct FreeZero {
   std::map<Component, double> sigma;  // of poses there, were all choices known
 };
 
-/// Returns the sigma (m, rad; infinite: of other units) from which a number of a pose is known so
-/// badly that it is said.
-double loose_from(const std::string& unit);
-
 /// Untold is what makes poses loose and no posture tells.
 struct Untold {
   std::vector<FreeZero> zeros;
@@ -50,8 +46,8 @@ struct Untold {
 const Untold& untold(const Report& report);
 
 /// Returns the sigma of a component by which to judge how well it is known, and which free zero, if
-/// any, makes it less than it seems: what it would be without. (One above 0.3 m or 30 degrees stays
-/// as it is: that is no choice.)
+/// any, makes it less than it seems: what it would be without. (One that is open,
+/// rig/scales.h, stays as it is: that is no choice.)
 struct JudgedSigma {
   double sigma;
   const FreeZero* zero;  // null: as it is

@@ -10,6 +10,7 @@
 #include "../analysis/frames.h"
 #include "../estimation/estimation.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 #include "cases.h"
 
@@ -17,8 +18,7 @@ namespace kincal {
 namespace {
 
 constexpr double kRescaled = 2;  // times: no length of a robot is as wrong, but for a unit
-constexpr double kResized = 1.015, kRefocused = 1.2;  // times: more than a ruler or a lens does
-constexpr int kRigid = 6;                             // so many numbers say where a rigid thing is
+constexpr int kRigid = 6;        // so many numbers say where a rigid thing is
 
 /// Whether a parameter says where something is.
 bool is_placing(ParameterKind kind) {
@@ -360,12 +360,12 @@ void warn_of_unused_priors(const Solution& solution, Notices& out) {
 void warn_of_rescaled(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   std::vector<Case> cases;
-  const auto add = [&](const std::string& name, double given, double value,
-                       const std::string& unit) {
+  const auto add = [&](ParameterKind kind, const std::string& name, double given, double value) {
+    const bool lens = kind == ParameterKind::intrinsics;
+    const std::string unit = lens ? " px" : " m";
     const double factor = std::abs(value / given);
     const double times = std::max(factor, 1 / factor);
-    const bool lens = std::string(unit) == " px";
-    if (!(given != 0) || !(times > (lens ? kRefocused : kResized))) return;
+    if (!(given != 0) || !(times > 1 + scales(kind, lens ? "px" : "m").reported)) return;
     cases.push_back({Subject::parameter(name),
                      name + text(" is %.4g", value) + unit + text(" in the result, %.4g", given) +
                          unit + text(" in the rig (%.4g times): ", factor) +
@@ -384,14 +384,14 @@ void warn_of_rescaled(const Report& report, Notices& out) {
       return std::sqrt(sum);
     };
     if (kind == ParameterKind::points)
-      add(e.name, length(e.initial), length(e.value), " m");
+      add(kind, e.name, length(e.initial), length(e.value));
     else if (kind == ParameterKind::square)
-      add(e.name, e.initial[0], e.value[0], " m");
+      add(kind, e.name, e.initial[0], e.value[0]);
     else if (kind == ParameterKind::baseline)
-      add(e.component_name(0), e.initial[0], e.value[0], " m");
+      add(kind, e.component_name(0), e.initial[0], e.value[0]);
     else if (kind == ParameterKind::intrinsics)
       for (size_t c = 0; c < 2 && c < e.value.size(); ++c)
-        add(e.component_name(c), e.initial[c], e.value[c], " px");
+        add(kind, e.component_name(c), e.initial[c], e.value[c]);
   }
   if (cases.empty()) return;
   const bool freed_by_nobody = std::any_of(

@@ -7,18 +7,16 @@
 
 #include "../analysis/hand_eye.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "cases.h"
 #include "free_zeros.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kLooseMetres = 0.03, kLooseRadians = 3 * kPi / 180;  // of a mount: unfit for use
-constexpr double kOpen = 10;  // times as loose: where it is, is not known at all
-
 /// "0.0114 m" or "1.2 degrees"; "" of other units, and of what is known well.
 std::string loose_text(const std::string& unit, double sigma) {
-  if (!(sigma > loose_from(unit))) return "";
+  if (!(sigma > pose_scales(unit).yardstick)) return "";
   return unit == "m" ? text("%.3g m", sigma) : angle_text(sigma);
 }
 
@@ -85,11 +83,14 @@ void warn_of_movements(const Solution& solution, Notices& out) {
   for (const ParameterEstimate& e : solution.parameters) {
     if (!e.pose || std::find(explained.begin(), explained.end(), e.name) != explained.end())
       continue;
-    const double moved = std::hypot(e.value[0], e.value[1], e.value[2]) / 0.1,
-                 turned = std::hypot(e.value[3], e.value[4], e.value[5]) / (10 * kPi / 180);
+    const double shift = std::hypot(e.value[0], e.value[1], e.value[2]),
+                 turn = std::hypot(e.value[3], e.value[4], e.value[5]),
+                 moved = shift / pose_scales("m").reported,
+                 turned = turn / pose_scales("rad").reported;
     if (!(moved > 1) && !(turned > 1)) continue;
-    const std::string by_metres = moved > 1 ? text(" moved by %.3g m", 0.1 * moved) : "",
-                      by_degrees = turned > 1 ? text(" turned by %.3g degrees", 10 * turned) : "";
+    const std::string by_metres = moved > 1 ? text(" moved by %.3g m", shift) : "",
+                      by_degrees =
+                          turned > 1 ? text(" turned by %.3g degrees", turn * 180 / kPi) : "";
     poses.push_back({Subject::parameter(e.name),
                      e.name + by_metres + (moved > 1 && turned > 1 ? " and" : "") + by_degrees +
                          " from its initial value",
@@ -141,7 +142,7 @@ LooseComponent loosest(const Report& report) {
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
       const JudgedSigma judged = judged_sigma(unknown, e, c);
-      const double times = judged.sigma / (e.units[c] == "rad" ? kLooseRadians : kLooseMetres);
+      const double times = judged.sigma / pose_scales(e.units[c]).loose;
       if (times > out.times) out = {&e, c, times, judged.size};
     }
   return out;
@@ -171,7 +172,12 @@ void explain_loose(const Report& report, const ParameterEstimate& e, size_t c,
 
 }  // namespace
 
-bool has_open_mount(const Report& report) { return loosest(report).times > kOpen; }
+bool has_open_mount(const Report& report) {
+  const LooseComponent loose = loosest(report);
+  if (!loose.pose) return false;
+  const Scales known = pose_scales(loose.pose->units[loose.component]);
+  return loose.times * known.loose > known.open;
+}
 
 bool hangs_on_a_size(const Report& report) { return !loosest(report).size.empty(); }
 
@@ -193,7 +199,7 @@ std::optional<Notice> loose_parameters(const Report& report) {
       if (!first && (known.empty() || loose_text(e.units[c], judged.sigma).empty() ||
                      is_held_at_its_prior(report.solution, e, c)))
         continue;
-      const double size = first ? kInfinity : e.sigma[c] / loose_from(e.units[c]);
+      const double size = first ? kInfinity : e.sigma[c] / pose_scales(e.units[c]).yardstick;
       const std::string name = e.component_name(c);
       sigmas.push_back(
           {Subject::parameter(name), name + " is known to " + known + " only (one sigma)", size});
@@ -225,7 +231,7 @@ void warn_of_parameters(const Report& report, Notices& out) {
       const JudgedSigma judged = judged_sigma(unknown, e, c);
       if (loose_text(e.units[c], judged.sigma).empty())
         chosen[judged.zero].push_back(
-            {Subject::parameter(name), known, e.sigma[c] / loose_from(e.units[c])});
+            {Subject::parameter(name), known, e.sigma[c] / pose_scales(e.units[c]).yardstick});
     }
   if (!priors.empty()) {
     out.push_back(notice_of(

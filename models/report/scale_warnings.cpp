@@ -8,6 +8,7 @@
 #include "../rig/configuration.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/student.h"
 #include "../rig/words.h"
 
@@ -15,7 +16,7 @@ namespace kincal {
 namespace {
 
 constexpr double kArmScaled = 0.003, kEvidenceOfScale = 4;  // of the lengths of an arm
-constexpr double kScaled = 0.015, kByChance = 0.002;  // least change of all lengths; its share
+constexpr double kByChance = 0.002;                         // that all lengths changed alike
 
 /// Places of sensors and mounted targets that the rig gives and the training samples see, as the
 /// rig has them and as they came out.
@@ -120,7 +121,9 @@ void warn_of_scales(const Report& report, Notices& out) {
   if (report.solution.usable() && free) {
     const Places all = places(report.solution);
     const Scale scale = common_scale(all);
-    if (!all.targets.empty() && std::abs(scale.factor - 1) > kScaled && scale.by_chance < kByChance)
+    if (!all.targets.empty() &&
+        std::abs(scale.factor - 1) > scales(ParameterKind::square, "m").reported &&
+        scale.by_chance < kByChance)
       out.push_back(make_notice(
           NoticeKind::scale, subjects(Subject::Kind::target, all.targets),
           "all lengths between sensors and targets came out " +

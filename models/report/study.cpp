@@ -10,6 +10,7 @@
 #include "../analysis/linearisation.h"
 #include "../doctor/plausibility.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 #include "../trials/estimate_noise.h"
 #include "exchanged.h"
@@ -30,9 +31,7 @@ constexpr double kReadingErrors = 5;   // sigmas of their score, above which joi
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
 constexpr double kUnstatedFactor = 100;  // as kLargestFactor, of poses without a stated noise
 constexpr int kNoiseRounds = 4;
-// Boards that were measured and lenses that were calibrated are nearer than this share.
-constexpr double kMeasuredSize = 0.03, kCalibratedCentre = 0.05, kMeasuredBaseline = 0.03;
-constexpr double kLooksResized = 0.5;  // share of these from which a length is looked for
+constexpr double kLooksResized = 0.5;  // share of a mistake from which a length is looked for
 
 bool ended(const Solution& solution) {
   if (solution.status == Status::cancelled) throw StudyCancelled();
@@ -78,32 +77,16 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
   if (!report.diagnosis) throw StudyCancelled();
 }
 
-/// How much of a number may change before somebody must have been mistaken about it; infinite: it
-/// is none that is given with care. Of boards and lenses.
-double mistaken_beyond(const Rig& rig, const Parameter& p) {
-  switch (p.kind) {
-    case ParameterKind::square:
-      return kMeasuredSize * std::abs(rig.targets[p.owner].square);
-    case ParameterKind::intrinsics:
-      return kCalibratedCentre *
-             std::abs(find_block(rig.sensors[p.owner], ParameterKind::intrinsics)->values[0]);
-    case ParameterKind::baseline:
-      return kMeasuredBaseline *
-             std::abs(find_block(rig.sensors[p.owner], ParameterKind::baseline)->values[0]);
-    default:
-      return kInfinity;
-  }
-}
-
 /// Sizes, baselines and lenses that came out so far from the rig's that somebody was mistaken, or
 /// by this share of that.
 std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
   if (report.automatic.empty()) return {};
+  const ParameterTable& table = report.solution.table();
   std::map<std::string, std::pair<double, std::string>> limits;
-  for (const Parameter& p : report.solution.table().all)
-    for (size_t c = 0; c < p.components.size(); ++c)
-      limits[p.component_name(static_cast<int>(c))] = {mistaken_beyond(report.solution.rig(), p),
-                                                       p.name};
+  for (size_t p = 0; p < table.all.size(); ++p)
+    for (int c = 0; c < table.all[p].size(); ++c)
+      limits[table.all[p].component_name(c)] = {
+          scales(table, {static_cast<int>(p), c}, table.initial).mistaken, table.all[p].name};
   std::set<std::string> out;
   for (const AutomaticGroup& g : report.automatic)
     for (const AutomaticNumber& n : g.numbers)

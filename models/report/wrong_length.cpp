@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -53,7 +54,8 @@ bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
   if (found.solution.status == Status::cancelled) return false;
   const double first = solution.chi2_per_dof(), second = found.solution.chi2_per_dof();
   const AutomaticNumber* length =
-      lone ? sticks_out(found, kLoneLength, kLoneTimes) : sticks_out(found, kLeast, kLone);
+      lone ? sticks_out(found, scales(ParameterKind::joint_origin, "m").least, kLoneTimes)
+           : sticks_out(found, kLeast, kLone);
   if (found.solution.status != Status::converged || !(second < kAsWell * first) || !length)
     return true;
   const std::string joint = length->name.substr(6, length->name.find("/origin.") - 6);

@@ -181,51 +181,6 @@ Rig centred(Rig rig) {
   return rig;
 }
 
-double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values) {
-  const Parameter& p = table.all[component.parameter];
-  if (p.yardstick > 0) return p.yardstick;
-  switch (p.kind) {
-    case ParameterKind::square:
-    case ParameterKind::intrinsics:
-      return 0.01 * std::abs(values(p.start));
-    case ParameterKind::distortion:
-      return 0.1;
-    case ParameterKind::warp:
-      return 0.001;
-    default: {
-      const std::string& unit = p.units[component.index];
-      return unit == "m" ? 0.01 : unit == "rad" ? kPi / 180 : unit == "px" ? 10 : 0.01;
-    }
-  }
-}
-
-double usual_error(const ParameterTable& table, const Component& component,
-                   const VectorXd& values) {
-  const Parameter& p = table.all[component.parameter];
-  if (p.pose) return p.units[component.index] == "rad" ? 5 * kPi / 180 : 0.05;
-  const double value = values(p.start + component.index);
-  switch (p.kind) {
-    case ParameterKind::joint_scale:
-      return 0.01 * std::abs(value);
-    case ParameterKind::joint_shape:
-      return p.usual_error;
-    case ParameterKind::intrinsics:
-      return 0.05 * std::abs(values(p.start + component.index % 2));
-    case ParameterKind::baseline:
-      return 0.01;
-    case ParameterKind::square:
-      return 0.05 * value;
-    case ParameterKind::warp:
-      return 0.002;
-    case ParameterKind::points: {
-      const Eigen::Map<const Eigen::Matrix3Xd> points(values.data() + p.start, 3, p.size() / 3);
-      return 0.05 * (points.rowwise().maxCoeff() - points.rowwise().minCoeff()).norm();
-    }
-    default:
-      return 0.05;  // offsets, distortion
-  }
-}
-
 const char* improper_value(const Parameter& parameter, int component, double value) {
   const std::string& part = parameter.components[component];
   if (!std::isfinite(value)) return "a finite number is expected";

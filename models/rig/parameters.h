@@ -121,15 +121,6 @@ Rig centred(Rig rig);
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 
-/// Returns the sigma above which a component counts as weakly determined: 1 cm, 1 degree, 10 px, 1
-/// % (of a focal length, a size, a gear), 0.1 for lens coefficients; of a joint model's further
-/// numbers what the model says.
-double yardstick(const ParameterTable& table, const Component& component, const VectorXd& values);
-/// Returns how far a component may be off in a robot that was never calibrated, as a standard
-/// deviation: poses and origins 0.05 m and 5 degrees, joint offsets 0.05 rad or m, gear scales 1 %,
-/// fx fy cx cy 5 % of the focal length, distortion 0.05, baselines 0.01 m, board sizes 5 %, target
-/// points 5 % of the target's extent, a joint model's further numbers what the model says.
-double usual_error(const ParameterTable& table, const Component& component, const VectorXd& values);
 /// Returns what is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
 const char* improper_value(const Parameter& parameter, int component, double value);
 

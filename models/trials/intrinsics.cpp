@@ -10,6 +10,7 @@
 #include "../fitting/lens_start.h"
 #include "../rig/configuration.h"
 #include "../rig/geometry.h"
+#include "../rig/scales.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
 #include "camera_groups.h"
@@ -67,9 +68,9 @@ bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntri
     trial.unusable = why_unusable(solution);
     if (solution.usable()) {
       trial.rms = training_rms(solution, 0);
-      trial.loose =
-          !(looseness(solution["sensor/" + camera.rig.sensors[0].name + "/intrinsics"],
-                      trial.rms / std::sqrt(2), camera.rig.sensors[0].sigma[0]) <= kNotKnown);
+      trial.loose = !(looseness(solution["sensor/" + camera.rig.sensors[0].name + "/intrinsics"],
+                                trial.rms / std::sqrt(2), camera.rig.sensors[0].sigma[0]) <=
+                      scales(ParameterKind::intrinsics, "px").open);
       const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
       if (!held_out) return false;
       if (!held_out->sensors.empty()) trial.held_out = held_out->sensors[0].rms;

@@ -10,6 +10,7 @@
 #include "../analysis/residuals.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
 
@@ -18,7 +19,6 @@ namespace {
 
 constexpr double kNearlyParallel = 10 * kPi / 180;  // all boards within this angle
 constexpr double kSpoiltNoise = 1.5;     // px; beyond it noise comes of mistakes, not of detection
-constexpr double kHardlyKnown = 0.01;    // sigma, in focal lengths
 constexpr double kUnlikeBoard = 0.08;    // what a homography leaves, in sizes of the view
 constexpr double kBetterNumbered = 0.3;  // of that left by another number of corners in a row
 constexpr int kCornersToJudge = 8;       // of a view, by its homography
@@ -244,7 +244,8 @@ void note_undetermined(const FittedLens& fit, std::vector<IntrinsicsNote>& out) 
     const double sigma = share * lens.sigma[c], focal = std::abs(lens.value[0]);
     if (!std::isfinite(sigma))
       unknown += (unknown.empty() ? "" : ", ") + lens.components[c];
-    else if (sigma > kHardlyKnown * focal || (undetermined && fit.views < 2))
+    else if (sigma > scales(ParameterKind::intrinsics, "px", focal).yardstick ||
+             (undetermined && fit.views < 2))
       loose +=
           (loose.empty() ? "" : ", ") + lens.components[c] + text(" +- %.3g px", lens.sigma[c]);
   }
@@ -514,7 +515,8 @@ bool is_undetermined(const FittedLens& fit) {
       if (view.sensor == fit.sensor) seen.insert(view.target);
   const bool flat = std::all_of(seen.begin(), seen.end(),
                                 [&](int t) { return fit.solution.rig().targets[t].grid; });
-  return (fit.views < 2 && flat) || !(looseness(lens, fit.noise, fit.noise) <= kNotKnown);
+  return (fit.views < 2 && flat) ||
+         !(looseness(lens, fit.noise, fit.noise) <= scales(ParameterKind::intrinsics, "px").open);
 }
 
 std::vector<IntrinsicsNote> lens_notes(const FittedLens& fit, bool mistaken) {

@@ -65,9 +65,6 @@ struct FittedLens {
   double noise, tilt;  // px along each axis; the largest angle between two boards, rad
 };
 
-/// Of a lens that is known to no better than this nothing is determined, in focal lengths.
-constexpr double kNotKnown = 0.05;
-
 /// Returns how badly the worst of fx, fy, cx, cy is known, relative to the focal length, where
 /// `noise` px are left along each axis and the solution's sigmas are for `counted` px: NaN where
 /// one is not determined.

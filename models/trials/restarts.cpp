@@ -7,6 +7,7 @@
 
 #include "../calibration/calibration.h"
 #include "../rig/draws.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -36,7 +37,7 @@ void move_start(const Recording& recording, const StepPlan& plan, const VectorXd
     for (int c : f.components) {
       if (moved[c]) continue;
       moved[c] = 1;
-      double size = usual_error(table, {f.parameter, c}, from);
+      double size = scales(table, {f.parameter, c}, from).usual;
       for (const Prior& prior : plan.priors)
         if (prior.parameter == f.parameter && prior.component == c) size = prior.sigma;
       by(c) = scatter.share * size * scatter.draws.normal();

@@ -6,11 +6,8 @@
 // once: in a step that holds something, other held values mean another problem, not another minimum
 // of the same.)
 //
-// How far. A component with a prior in its step is moved by N(0, the prior's sigma); else by N(0,
-// size), size being
-//     poses and origins 0.05 m and 5 degrees,  joint offsets 0.05 rad or m,  gear scales 1 %,
-//     fx fy cx cy 5 % of the focal length,  distortion 0.05,  baselines 0.01 m,  board sizes 5 %,
-//     target points 5 % of the target's extent.
+// How far. A component with a prior in its step is moved by N(0, the prior's sigma), any other by
+// N(0, its usual error) of the table of scales (models/rig/scales.h).
 // Poses move by an increment on the right, partly freed ones by their freed components of xi. A
 // start that cannot be evaluated (a point behind its camera) is tried again at half its distance,
 // up to six times: such a start would not be chosen.

@@ -20,6 +20,7 @@
 #include "../../../io/rig/samples_file.h"
 #include "../../../models/automatic/groups.h"
 #include "../../../models/doctor/doctor.h"
+#include "../../../models/rig/scales.h"
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/quadratic_joint.h"
 #include "../../fixtures/study.h"
@@ -183,7 +184,7 @@ TEST_CASE(
   REQUIRE(shapes->members.size() == 1);
   CHECK(recording.table.name(shapes->members[0].component) == "joint/elbow/bend");
   CHECK(shapes->members[0].start ==
-        usual_error(recording.table, shapes->members[0].component, recording.table.initial));
+        scales(recording.table, shapes->members[0].component, recording.table.initial).usual);
   CHECK(shapes->unseen.empty());
 
   for (Sample& sample : samples) sample.readings[joint_index(rig.rig, "elbow")] = 0.3;

@@ -18,6 +18,7 @@
 #include <map>
 
 #include "../../../models/analysis/frames.h"
+#include "../../../models/rig/scales.h"
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/quadratic_joint.h"
@@ -125,8 +126,9 @@ TEST_CASE("joint models: by name, and the rig's numbers before the model's") {
   const auto initial = [&](double& usual) {
     const ParameterTable table(rig);
     const Component bend = {table.select("joint/elbow/bend").at(0).parameter, 0};
-    usual = usual_error(table, bend, table.initial);
-    CHECK(yardstick(table, bend, table.initial) == 0.01);
+    usual = scales(table, bend, table.initial).usual;
+    CHECK(scales(table, bend, table.initial).width == usual);
+    CHECK(scales(table, bend, table.initial).yardstick == 0.01);
     return table.initial(table.all[bend.parameter].start);
   };
   double usual;
