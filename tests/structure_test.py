@@ -21,7 +21,7 @@ import sys
 # ---------------------------------------------------------------------------------------------- the rules
 KINEMATICS, SOLVER = "kinematics", "solver"
 FLOORS = [["joints"], ["sensors"], ["rig"], ["notices"], ["estimation"], ["fitting"], ["calibration"], ["analysis"], ["automatic", "doctor", "trials"], ["report"]]
-MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment", "models/fleet"]
+MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment", "models/fleet", "models/intrinsics"]
 
 
 def below(room):
@@ -38,6 +38,7 @@ MAY_INCLUDE = {
     "models/simulation": [KINEMATICS, SOLVER, "models/sensors", "models/joints", "models/rig", "models/fitting"],
     "models/bundle_adjustment": [KINEMATICS, SOLVER, "models/sensors"],
     "models/fleet": [KINEMATICS, SOLVER, "models/rig"],
+    "models/intrinsics": [SOLVER, *(f"models/{room}" for room in ("sensors", "rig", "fitting", "calibration", "analysis", "trials"))],
     "io/document": [KINEMATICS, *MODELS],
     "io/urdf": [KINEMATICS, *MODELS, "io/document"],
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],

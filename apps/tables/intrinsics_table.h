@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "../../models/trials/intrinsics.h"
+#include "../../models/intrinsics/intrinsics.h"
 
 namespace kincal {
 

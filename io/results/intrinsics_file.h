@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "../../models/trials/intrinsics.h"
+#include "../../models/intrinsics/intrinsics.h"
 #include "../rig/rig_file.h"
 
 namespace kincal {

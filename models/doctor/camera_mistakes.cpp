@@ -31,7 +31,7 @@ void set_intrinsics(Sensor& sensor, const std::vector<double>& values) {
 
 /// Cameras that a mistake may be about together: each alone, those of one link, all. A robot with
 /// many has no time for links.
-std::set<std::vector<int>> camera_groups(const Rig& rig, const Survey& survey) {
+std::set<std::vector<int>> camera_sets(const Rig& rig, const Survey& survey) {
   std::map<int, std::vector<int>> on_link;
   std::set<std::vector<int>> out;
   std::vector<int> all;
@@ -210,7 +210,7 @@ MistakeAndCure focal_words(const std::string& camera, const std::vector<double>&
 }  // namespace
 
 void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const std::vector<int>& group : camera_groups(rig, survey)) {
+  for (const std::vector<int>& group : camera_sets(rig, survey)) {
     Hypothesis h = about(rig, NoticeKind::exchanged_axes, group);
     h.mistake = "u and v are exchanged in the views of " + cameras(rig, group);
     h.cure =
@@ -232,7 +232,7 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
   std::map<int, Pixels> pixels;
   for (int s : survey.sensors)
     if (intrinsics_of(rig.sensors[s])) pixels[s] = pixels_of(samples, s);
-  for (const std::vector<int>& group : camera_groups(rig, survey))
+  for (const std::vector<int>& group : camera_sets(rig, survey))
     for (size_t i = 0; i < plain_factors().size(); ++i) {
       const PlainFactor& plain = plain_factors()[i];
       const double factor = plain.factor;
@@ -292,7 +292,7 @@ void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
   const auto oblong = [](const std::vector<double>& k) {
     return k[0] > 0 && k[1] > 0 ? std::abs(std::log(k[0] / k[1])) : kInfinity;
   };
-  for (const std::vector<int>& group : camera_groups(rig, survey))
+  for (const std::vector<int>& group : camera_sets(rig, survey))
     for (const Order& order : orders) {
       const auto reordered = [&](int s) {
         const std::vector<double>& k = *intrinsics_of(rig.sensors[s]);

@@ -1,9 +1,9 @@
-// models/trials/intrinsics.h beside OpenCV's calibrateCamera, on the same views.
+// models/intrinsics/intrinsics.h beside OpenCV's calibrateCamera, on the same views.
 //
 // Proves: with the same lens and the same corners kincal's sum of squares is not above OpenCV's,
 // and the numbers are the same to a small part of their sigmas; on simulated views always, on real
 // ones (KINCAL_DATA, as the tests in Python) where they are. Not proved: sigmas
-// (models/trials/intrinsics_test.cpp).
+// (models/intrinsics/intrinsics_test.cpp).
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -12,7 +12,7 @@
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/rig/targets.h"
-#include "../../models/trials/intrinsics.h"
+#include "../../models/intrinsics/intrinsics.h"
 #include "../fixtures/random.h"
 #include "../fixtures/rigs.h"
 #include "catch2/catch.hpp"

@@ -3,7 +3,7 @@
 Makes views of a board through two cameras, by a projection written here. Proves: the files of a result, their keys, and that its rig.yaml is a
 rig whose cameras see as the true ones, for `evaluate` and `calibrate`; joint readings are not needed, of a robot either; one view
 and parallel views are told (exit 2, or a warning); wrong input ends with 1 and leaves nothing; an existing result is replaced only
-with --force; the same input gives the same bytes. It does not prove the statistics (models/trials/intrinsics_test.cpp).
+with --force; the same input gives the same bytes. It does not prove the statistics (models/intrinsics/intrinsics_test.cpp).
 """
 
 import json

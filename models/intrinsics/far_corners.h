@@ -4,7 +4,7 @@
 //
 // A plain fit of a lens with all usual distortion tells whether anything sticks out
 // (intrinsics_notes.h); only then the outliers are found as those of a calibration are
-// (outliers.h).
+// (trials/outliers.h).
 #pragma once
 
 #include <optional>

@@ -6,7 +6,7 @@
 #include "../fitting/lens_start.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "outliers.h"
+#include "../trials/outliers.h"
 
 namespace kincal {
 namespace {

@@ -13,8 +13,8 @@
 #include "../rig/scales.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
+#include "../trials/estimate_noise.h"
 #include "camera_groups.h"
-#include "estimate_noise.h"
 #include "far_corners.h"
 #include "two_lenses.h"
 

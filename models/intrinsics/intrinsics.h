@@ -6,11 +6,11 @@
 // fitted is a recording of its own, with one link that all cameras stand on; it is calibrated by
 // the same machinery as a robot. The noise of the corners is estimated from what the fit leaves.
 //
-// The choice of a lens. Each camera's views are cross-validated (cross_validation.h) with each lens
-// of lens_models(), on the same folds. A lens is worse than the best by the difference of their
-// root mean squares on what was held out; the standard error of this difference comes from the
-// jackknife over samples, paired, so that what makes a sample hard for both does not widen it. The
-// lens with the fewest numbers that is worse by no more than its standard error is taken; where
+// The choice of a lens. Each camera's views are cross-validated (trials/cross_validation.h) with
+// each of lens_models(), on the same folds. A lens is worse than the best by the difference of
+// their root mean squares on what was held out; the standard error of this difference comes from
+// the jackknife over samples, paired, so that what makes a sample hard for both does not widen it.
+// The lens with the fewest numbers that is worse by no more than its standard error is taken; where
 // the views do not determine a focal length with that, they cannot tell lenses apart, and the rig's
 // stays.
 //
@@ -33,8 +33,8 @@
 #include "../analysis/projection.h"
 #include "../calibration/calibration.h"
 #include "../sensors/sensors.h"
+#include "../trials/cross_validation.h"
 #include "camera_groups.h"
-#include "cross_validation.h"
 #include "intrinsics_notes.h"
 #include "one_camera.h"
 

@@ -1,4 +1,4 @@
-// models/trials/intrinsics.h and models/analysis/projection.h: cameras from views of boards.
+// models/intrinsics/intrinsics.h and models/analysis/projection.h: cameras from views of boards.
 //
 // Proves, on simulated views and from guesses that are far off: lenses and relative poses come out
 // within their sigmas (Monte Carlo: the mean squared error over the stated covariance is near 1,
@@ -9,7 +9,7 @@
 // derivatives by a warp are those of differences; pictures turned by 180 degrees and those of
 // another lens are named, and where there are none nothing is. Does not prove: detection, real
 // lenses (images/calibrate_camera_test.cpp).
-#include "../../../models/trials/intrinsics.h"
+#include "../../../models/intrinsics/intrinsics.h"
 
 #include <catch2/catch.hpp>
 #include <cmath>
