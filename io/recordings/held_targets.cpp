@@ -29,7 +29,7 @@ bool is_chain(const Sensor& sensor) {
 /// Whether nobody says where a sensor is.
 bool is_open(const Rig& rig, const ParameterTable& table, int sensor) {
   const std::vector<int> open = open_poses(rig, table);
-  return std::count(open.begin(), open.end(), table.sensor_pose[static_cast<size_t>(sensor)]) > 0;
+  return std::count(open.begin(), open.end(), table.sensor_pose[sensor]) > 0;
 }
 
 /// A target in a sample as a hand has it: all poses that the cameras propose.
@@ -56,13 +56,13 @@ std::vector<InHand> in_hand(const Rig& rig, const ParameterTable& table,
   std::vector<InHand> out;
   for (size_t i = 0; i < samples.size(); ++i) {
     const Sample& sample = samples[i];
-    if (!has_readings(rig, rig.sensors[static_cast<size_t>(hand)].link, sample.readings)) continue;
+    if (!has_readings(rig, rig.sensors[hand].link, sample.readings)) continue;
     const std::vector<double> readings = completed(sample.readings);
-    const Pose base_T_link = Configuration(rig, table, table.initial, readings)
-                                 .base_T_link(rig.sensors[static_cast<size_t>(hand)].link);
+    const Pose base_T_link =
+        Configuration(rig, table, table.initial, readings).base_T_link(rig.sensors[hand].link);
     InHand one{i, {}};
     for (const View& view : sample.views) {
-      const Sensor& sensor = rig.sensors[static_cast<size_t>(view.sensor)];
+      const Sensor& sensor = rig.sensors[view.sensor];
       if (view.target != target || is_open(rig, table, view.sensor) || is_chain(sensor) ||
           !has_readings(rig, sensor.link, sample.readings))
         continue;
@@ -78,7 +78,7 @@ std::vector<InHand> in_hand(const Rig& rig, const ParameterTable& table,
 std::map<size_t, double> held_by(const Rig& rig, const ParameterTable& table,
                                  const std::vector<Sample>& samples, int hand, int target) {
   const std::vector<InHand> all = in_hand(rig, table, samples, hand, target);
-  const Sensor& chain = rig.sensors[static_cast<size_t>(hand)];
+  const Sensor& chain = rig.sensors[hand];
   if (!is_open(rig, table, hand)) return agreeing(all, chain.link_T_sensor);
   std::map<size_t, double> best;
   for (const InHand& one : all)
@@ -113,14 +113,13 @@ std::vector<std::string> add_holding_chains(const Rig& rig, std::vector<Sample>&
       View view;
       view.sensor = best.second;
       view.target = static_cast<int>(t);
-      view.sigma = rig.sensors[static_cast<size_t>(best.second)].sigma;
+      view.sigma = rig.sensors[best.second].sigma;
       samples[sample].views.push_back(view);
       ++counts[best.second];
     }
     for (const auto& [hand, count] : counts)
-      said.push_back("target " + target.name + ": in the hand of " +
-                     rig.sensors[static_cast<size_t>(hand)].name + " in " + std::to_string(count) +
-                     " samples");
+      said.push_back("target " + target.name + ": in the hand of " + rig.sensors[hand].name +
+                     " in " + std::to_string(count) + " samples");
   }
   return said;
 }

@@ -2,15 +2,16 @@
 // averaged, and one sample a rest comes out.
 //
 //   1. What is in the bags, and which topic is which sensor (streams.h, topics.h).
-//   2. When the joints rest (settle.h, robot_readings.h).
+//   2. When the joints rest (rests.h).
 //   3. Images of the rests, and some of the ways between, are searched for targets
-//   (still_images.h).
-//   4. Views: corners of the frames in which they are still are averaged (settled_view.h); a rest's
-//      interval is what joints and views have in common, and readings are averaged over it.
+//   (still_images.h), scans of the rests likewise (still_scans.h).
+//   4. Samples (rest_samples.h): corners of the frames in which they are still are averaged; a
+//   rest's interval is what joints and views have in common, and readings are averaged over it.
 //   5. Hands that hold free targets (held_targets.h), numbering of boards that look alike from
-//      several sides, postures that are there already.
-//   6. The offsets in time between joints and cameras (time_offset.h). On request stamps are
-//      corrected by them, and 4 and 5 done again.
+//   several sides, postures that are there already.
+//   6. The offsets in time between joints and cameras (clocks.h). On request stamps are corrected
+//   by them, and 4 and 5 done again.
+// What was found is put into words at the end (import_words.h).
 #pragma once
 
 #include <functional>
@@ -19,9 +20,7 @@
 #include <vector>
 
 #include "../rig/rig_file.h"
-#include "still_images.h"
-#include "time_offset.h"
-#include "topics.h"
+#include "import_words.h"
 
 namespace kincal {
 
@@ -39,13 +38,10 @@ struct ImportOptions {
   std::function<void(const std::string&, double)> stage;  // what is done, and the share
 };
 
-struct RecordedSamples {
+struct RecordedSamples : ImportWords {
   std::vector<Sample> samples;
   std::vector<std::vector<std::string>> images;  // by sample and view, where images were written
   std::vector<TimeOffset> offsets;
-  std::vector<std::string> lines;  // what was found, for people
-  std::vector<std::string> notes;  // warnings
-  std::string diagnosis;           // why there are no samples
 };
 
 /// Makes samples of recordings. `search` null: images are written as files. Streams' joints are

@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <set>
 
 #include "../../kinematics/floating.h"
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/words.h"
 
 namespace kincal {
 namespace {
@@ -37,7 +37,7 @@ void without_turns(Series& series) {
 /// The poses of a floating joint as one stream, at the times of the busiest of those that they are
 /// made of.
 PoseStream poses_of(const RecordedStreams& streams, const PoseSource& source) {
-  if (source.stream >= 0) return streams.poses[static_cast<size_t>(source.stream)];
+  if (source.stream >= 0) return streams.poses[source.stream];
   const PoseStream* busiest = nullptr;
   for (const PoseStream& s : streams.poses)
     if (!s.fixed && (!busiest || s.times.size() > busiest->times.size())) busiest = &s;
@@ -92,8 +92,8 @@ std::vector<Series> pose_series(const PoseStream& poses) {
     Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
     if (q.dot(before) < 0) q = -q;
     before = q;
-    for (int i = 0; i < 3; ++i) out[static_cast<size_t>(i)].values.push_back(pose.translation[i]);
-    for (int i = 0; i < 4; ++i) out[static_cast<size_t>(3 + i)].values.push_back(q[i]);
+    for (int i = 0; i < 3; ++i) out[i].values.push_back(pose.translation[i]);
+    for (int i = 0; i < 4; ++i) out[3 + i].values.push_back(q[i]);
   }
   return out;
 }
@@ -140,7 +140,7 @@ RobotReadings::RobotReadings(const Rig& rig, RecordedStreams& streams, const Top
   for (size_t j = 0; j < series_.size(); ++j) {
     const int stream = topics.joints[j];
     if (stream < 0) continue;
-    series_[j] = std::move(streams.joints[static_cast<size_t>(stream)].readings);
+    series_[j] = std::move(streams.joints[stream].readings);
     if (rig.tree.joints[j].type == JointType::continuous) without_turns(series_[j]);
     gaps_[j] = longest_gap(series_[j].times);
     widen(series_[j].times);
@@ -189,17 +189,14 @@ std::vector<std::string> RobotReadings::absences() const {
   std::vector<std::string> out;
   const Intervals all = logged();
   for (const int j : watched_) {
-    const auto i = static_cast<size_t>(j);
     const Intervals absent =
-        intersected(all, complement(coverage(series_[i].times, gaps_[i]), span_.begin, span_.end));
+        intersected(all, complement(coverage(series_[j].times, gaps_[j]), span_.begin, span_.end));
     double longest = 0, begin = 0;
     for (const TimeInterval& one : absent)
       if (one.length() > longest) longest = one.length(), begin = one.begin;
     if (longest < kPause) continue;
-    char text[120];
-    std::snprintf(text, sizeof text,
-                  " has no readings for %.1f s from %.1f s on, while others have", longest, begin);
-    out.push_back("joint '" + rig_.tree.joints[i].name + "'" + text);
+    out.push_back(text("joint '%s' has no readings for %.1f s from %.1f s on, while others have",
+                       rig_.tree.joints[j].name.c_str(), longest, begin));
   }
   return out;
 }
@@ -207,8 +204,7 @@ std::vector<std::string> RobotReadings::absences() const {
 Intervals RobotReadings::still(const TimeInterval& during, double tolerance) const {
   Intervals out = intersected({during}, logged());
   for (const int j : watched_)
-    out = intersected(out, still_or_absent(series_[static_cast<size_t>(j)], tolerance,
-                                           gaps_[static_cast<size_t>(j)], during));
+    out = intersected(out, still_or_absent(series_[j], tolerance, gaps_[j], during));
   for (const Floating& f : floating_)
     for (const Series& s : f.series)
       out = intersected(out, still_or_absent(s, tolerance, f.gap, during));
@@ -218,8 +214,7 @@ Intervals RobotReadings::still(const TimeInterval& during, double tolerance) con
 TimeInterval RobotReadings::without_slow_ends(TimeInterval rest, double tolerance) const {
   const double given = std::isnan(tolerance) ? 0 : tolerance;
   for (const int j : watched_)
-    rest = kincal::without_slow_ends(series_[static_cast<size_t>(j)], rest,
-                                     std::max(scatter_[static_cast<size_t>(j)], given));
+    rest = kincal::without_slow_ends(series_[j], rest, std::max(scatter_[j], given));
   for (const Floating& f : floating_)
     for (size_t k = 0; k < f.series.size(); ++k)
       rest = kincal::without_slow_ends(f.series[k], rest, std::max(f.scatter[k], given));
@@ -236,24 +231,15 @@ std::string RobotReadings::restless(double length, double tolerance) const {
     allowed = limit;
     name = joint;
   };
-  for (const int j : watched_)
-    look(series_[static_cast<size_t>(j)], gaps_[static_cast<size_t>(j)],
-         rig_.tree.joints[static_cast<size_t>(j)].name);
+  for (const int j : watched_) look(series_[j], gaps_[j], rig_.tree.joints[j].name);
   for (const Floating& f : floating_)
-    for (const Series& s : f.series)
-      look(s, f.gap, rig_.tree.joints[static_cast<size_t>(f.joint)].name);
-  char text[200];
-  if (most <= 1) {
-    std::snprintf(text, sizeof text, "each joint rests for %.3g s at times, but never all at once",
-                  length);
-    return text;
-  }
-  std::snprintf(
-      text, sizeof text,
-      " is never still for %.3g s: it moves by %.3g mrad (mm) at least in that time; %.3g "
+    for (const Series& s : f.series) look(s, f.gap, rig_.tree.joints[f.joint].name);
+  if (most <= 1) return text("each joint rests for %.3g s at times, but never all at once", length);
+  return text(
+      "joint '%s' is never still for %.3g s: it moves by %.3g mrad (mm) at least in that time; "
+      "%.3g "
       "is taken for rest",
-      length, 2e3 * most * allowed, 2e3 * allowed);
-  return "joint '" + name + "'" + text;
+      name.c_str(), length, 2e3 * most * allowed, 2e3 * allowed);
 }
 
 void RobotReadings::average(const TimeInterval& over, Sample& sample) const {
@@ -281,11 +267,11 @@ void RobotReadings::average(const TimeInterval& over, Sample& sample) const {
     else if (pose_at(f.poses, (over.begin + over.end) / 2, f.gap, pose))
       set_pose_reading(rig_.tree, f.joint, pose, sample.readings);
     if (mean.count < 2) continue;
-    const int first = rig_.tree.joints[static_cast<size_t>(f.joint)].first_axis + kPoseAxes;
+    const int first = rig_.tree.joints[f.joint].first_axis + kPoseAxes;
     for (int k = 0; k < kPoseAxes; ++k) {
-      const double sigma = rig_.joints[static_cast<size_t>(first + k)].sigma;
+      const double sigma = rig_.joints[first + k].sigma;
       const Average one{0, k < 3 ? mean.translation : mean.rotation, mean.count};
-      if (sigma > 0) sample.noise[static_cast<size_t>(first + k)] = one.sigma(sigma) / sigma;
+      if (sigma > 0) sample.noise[first + k] = one.sigma(sigma) / sigma;
     }
   }
 }

@@ -44,7 +44,7 @@ class RobotReadings {
   void average(const TimeInterval& over, Sample& sample) const;
 
   /// Returns the readings of one joint; none: it has none.
-  const Series& series(int joint) const { return series_[static_cast<size_t>(joint)]; }
+  const Series& series(int joint) const { return series_[joint]; }
 
   /// Returns the first and last time of any reading.
   TimeInterval span() const { return span_; }
@@ -69,6 +69,15 @@ class RobotReadings {
   std::vector<int> watched_;           // joints that have to rest
   std::vector<Floating> floating_;
   TimeInterval span_;
+};
+
+/// Recorded is what bags have of a rig.
+struct Recorded {
+  const std::vector<std::string>& bags;
+  const Rig& rig;
+  const RecordedStreams& streams;
+  const TopicMap& topics;
+  const RobotReadings& readings;
 };
 
 /// Returns the seven numbers of poses as series (x y z, quaternion), without jumps of sign.

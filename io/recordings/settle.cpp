@@ -261,6 +261,12 @@ Intervals coverage(const std::vector<double>& times, double longest_gap) {
   return out;
 }
 
+int interval_at(const Intervals& intervals, double time) {
+  for (size_t i = 0; i < intervals.size(); ++i)
+    if (intervals[i].contains(time)) return static_cast<int>(i);
+  return -1;
+}
+
 Intervals united(Intervals a, const Intervals& b) {
   a.insert(a.end(), b.begin(), b.end());
   std::sort(a.begin(), a.end(),

@@ -72,6 +72,8 @@ double longest_gap(const std::vector<double>& times);
 
 /// Returns when there are values, without gaps of more than `longest_gap` s.
 Intervals coverage(const std::vector<double>& times, double longest_gap);
+/// Returns which of them a time is in; -1: none.
+int interval_at(const Intervals& intervals, double time);
 /// Returns what is in either.
 Intervals united(Intervals a, const Intervals& b);
 /// Returns what is in both.

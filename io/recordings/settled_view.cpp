@@ -10,6 +10,9 @@
 namespace kincal {
 namespace {
 
+constexpr double kStillFrames = 3;    // in scatters
+constexpr double kHarmless = 1. / 3;  // of the rig's sigma
+
 /// Calls f(i, j) for the places of all ids that two frames have in common.
 template <class F>
 void for_common(const std::vector<int>& a, const std::vector<int>& b, const F& f) {
@@ -59,6 +62,11 @@ CornerFrame median_corners(const std::vector<CornerFrame>& frames, size_t first,
 }
 
 }  // namespace
+
+double frame_tolerance(double given, double usual, double own, double sigma) {
+  if (!std::isnan(given)) return given;
+  return std::max(kStillFrames * std::min(std::max(usual, own), 3 * usual), kHarmless * sigma);
+}
 
 double corner_scatter(const std::vector<std::vector<CornerFrame>>& rests, double quantile) {
   std::vector<double> squares;

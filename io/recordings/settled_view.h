@@ -31,6 +31,12 @@ struct CornerFrame {
 /// `quantile` is of the pairs: the median, or less where most frames are of motion.
 double corner_scatter(const std::vector<std::vector<CornerFrame>>& rests, double quantile = 0.5);
 
+/// Returns how far a frame may be from the median corners while its target is still, px: what is
+/// `given`; if that is NaN three of the camera's `usual` scatters or the rest's `own` if that is
+/// larger, for what is small in an image has more noise, but no more than nine usual ones; or a
+/// third of the rig's `sigma`.
+double frame_tolerance(double given, double usual, double own, double sigma);
+
 /// Returns the times in which frames are still, where no joints tell when that may be: stretches
 /// whose frames are all within `tolerance` px, times the root of two, of their first one. None goes
 /// over a gap of more than `longest_gap` s.

@@ -48,7 +48,7 @@ WantedImages wanted_images(const RecordedStreams& streams, const std::vector<int
   const size_t every = static_cast<size_t>(1 + ways / std::max(1, options.most_on_ways));
   for (size_t s = 0; s < images.size(); ++s) {
     if (images[s] < 0) continue;
-    const ImageStream& stream = streams.images[static_cast<size_t>(images[s])];
+    const ImageStream& stream = streams.images[images[s]];
     for (size_t r = 0; r < rests.size(); ++r) {
       int nth = 0;
       for (const size_t i : evenly(images_in(stream, rests[r]), options.in_rest))
@@ -64,33 +64,14 @@ WantedImages wanted_images(const RecordedStreams& streams, const std::vector<int
   return out;
 }
 
-/// Calls `visit` for each image message of some streams: stream, which image of it, the message.
-void visit_images(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                  const std::function<void(int, size_t, const BagMessage&)>& visit,
-                  const BagProgress& progress) {
-  std::map<std::string, int> index;
-  for (size_t i = 0; i < streams.images.size(); ++i)
-    index[streams.images[i].topic] = static_cast<int>(i);
-  std::vector<size_t> next(streams.images.size(), 0);
-  for (const std::string& bag : bags) {
-    MessageReader reader;
-    read_bag(
-        bag,
-        [&](const BagMessage& raw) {
-          if (!is_image_type(raw.topic->type)) return true;
-          const auto found = index.find(raw.topic->name);
-          if (found == index.end()) return true;
-          try {  // the first pass counted those that can be read
-            reader.read(raw);
-          } catch (const Damage&) {
-            return true;
-          }
-          const auto at = static_cast<size_t>(found->second);
-          if (next[at] < streams.images[at].times.size()) visit(found->second, next[at]++, raw);
-          return true;
-        },
-        progress);
-  }
+using ImageVisit = std::function<void(int, size_t, const BagMessage&, const MessageValue&)>;
+
+/// Calls `visit` for each image of the rig's cameras: stream, which image of it, the message.
+void visit_images(const Recorded& recorded, const ImageVisit& visit) {
+  std::map<std::string, int> topics;
+  for (const int stream : recorded.topics.images)
+    if (stream >= 0) topics[recorded.streams.images[stream].topic] = stream;
+  read_again(recorded.bags, topics, true, visit);
 }
 
 /// An image that waits to be searched.
@@ -175,7 +156,7 @@ class Searcher {
   }
 
   void keep(PendingImage& one) {
-    if (!one.targets.empty()) ++out_.images[static_cast<size_t>(one.wanted.sensor)];
+    if (!one.targets.empty()) ++out_.images[one.wanted.sensor];
     if (!one.result.unusable.empty()) ++unusable_[one.result.unusable];
     said_.insert(one.result.notes.begin(), one.result.notes.end());
     for (Sighting& seen : one.result.seen) {
@@ -199,46 +180,48 @@ class Searcher {
 
 }  // namespace
 
-LookedAt look_at_images(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                        const std::vector<int>& images, const Intervals& rests,
+LookedAt look_at_images(const Recorded& recorded, const Intervals& rests,
                         const TargetSearch& search, const LookOptions& options) {
-  const WantedImages wanted = wanted_images(streams, images, rests, options);
-  Searcher searcher(search, options, images.size());
+  const WantedImages wanted =
+      wanted_images(recorded.streams, recorded.topics.images, rests, options);
+  Searcher searcher(search, options, recorded.topics.images.size());
   size_t done = 0;
-  visit_images(
-      bags, streams,
-      [&](int stream, size_t image, const BagMessage& raw) {
-        const auto found = wanted.find({stream, image});
-        if (found == wanted.end()) return;
-        searcher.add(found->second, raw);
-        if (options.progress)
-          options.progress(static_cast<double>(++done) / static_cast<double>(wanted.size()));
-      },
-      nullptr);
+  visit_images(recorded, [&](int stream, size_t image, const BagMessage& raw, const auto&) {
+    const auto found = wanted.find({stream, image});
+    if (found == wanted.end()) return;
+    searcher.add(found->second, raw);
+    if (options.progress)
+      options.progress(static_cast<double>(++done) / static_cast<double>(wanted.size()));
+  });
   return searcher.finish();
 }
 
-void visit_middle_images(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                         const std::vector<int>& images, const Intervals& rests,
-                         const GetImage& visit, const BagProgress& progress) {
+FramesOfViews frames_of_views(const std::vector<Sighting>& sightings) {
+  FramesOfViews all;
+  for (const Sighting& one : sightings)
+    if (one.rest >= 0) all[{one.sensor, one.target}][one.rest].push_back(one.frame);
+  for (auto& [view, by_rest] : all)
+    for (auto& [rest, frames] : by_rest)
+      std::stable_sort(frames.begin(), frames.end(),
+                       [](const CornerFrame& a, const CornerFrame& b) { return a.time < b.time; });
+  return all;
+}
+
+void visit_middle_images(const Recorded& recorded, const Intervals& rests, const GetImage& visit) {
+  const std::vector<int>& images = recorded.topics.images;
   std::map<std::pair<int, size_t>, std::pair<int, int>> wanted;  // sensor and rest
-  for (size_t s = 0; s < images.size(); ++s)
-    for (size_t r = 0; r < rests.size() && images[s] >= 0; ++r) {
-      const std::vector<size_t> inside =
-          images_in(streams.images[static_cast<size_t>(images[s])], rests[r]);
-      if (!inside.empty())
-        wanted[{images[s], inside[inside.size() / 2]}] = {static_cast<int>(s), static_cast<int>(r)};
+  for (int s = 0; s < static_cast<int>(images.size()); ++s)
+    for (int r = 0; r < static_cast<int>(rests.size()) && images[s] >= 0; ++r) {
+      const std::vector<size_t> inside = images_in(recorded.streams.images[images[s]], rests[r]);
+      if (!inside.empty()) wanted[{images[s], inside[inside.size() / 2]}] = {s, r};
     }
-  visit_images(
-      bags, streams,
-      [&](int stream, size_t image, const BagMessage& raw) {
-        const auto found = wanted.find({stream, image});
-        if (found == wanted.end()) return;
-        MessageReader own;
-        visit(found->second.first, found->second.second, own.read(raw),
-              raw.topic->type != "sensor_msgs/Image");
-      },
-      progress);
+  visit_images(recorded,
+               [&](int stream, size_t image, const BagMessage& raw, const MessageValue& value) {
+                 const auto found = wanted.find({stream, image});
+                 if (found != wanted.end())
+                   visit(found->second.first, found->second.second, value,
+                         raw.topic->type != "sensor_msgs/Image");
+               });
 }
 
 }  // namespace kincal

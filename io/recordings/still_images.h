@@ -11,11 +11,11 @@
 #include <functional>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "message.h"
+#include "robot_readings.h"
 #include "settled_view.h"
-#include "streams.h"
 #include "sweep.h"
 
 namespace kincal {
@@ -76,18 +76,18 @@ struct LookedAt {
   std::vector<std::string> notes;
 };
 
-/// Looks at images of cameras. `images`: by sensor which of the streams, -1: none; `rests`: when
-/// the joints rest; `offsets`: by sensor, s, by which its stamps are late.
-/// @throws InputError as read_bag
-LookedAt look_at_images(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                        const std::vector<int>& images, const Intervals& rests,
+/// Looks at images of cameras in the rests, and on the ways. @throws InputError as read_bag
+LookedAt look_at_images(const Recorded& recorded, const Intervals& rests,
                         const TargetSearch& search, const LookOptions& options);
+
+/// Frames of each target before each camera in each rest, by their times.
+using FramesOfRest = std::map<int, std::vector<CornerFrame>>;       // by rest
+using FramesOfViews = std::map<std::pair<int, int>, FramesOfRest>;  // by sensor and target
+FramesOfViews frames_of_views(const std::vector<Sighting>& sightings);
 
 /// Gives the image in the middle of each rest of each camera on: sensor, rest, and the message.
 using GetImage =
     std::function<void(int sensor, int rest, const MessageValue& image, bool compressed)>;
-void visit_middle_images(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                         const std::vector<int>& images, const Intervals& rests,
-                         const GetImage& visit, const BagProgress& progress);
+void visit_middle_images(const Recorded& recorded, const Intervals& rests, const GetImage& visit);
 
 }  // namespace kincal

@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <optional>
 
 #include "bytes.h"
 
 namespace kincal {
 namespace {
+
+constexpr double kMarginOfTilt = 0.2;  // s, of readings around a sweep
 
 /// sensor_msgs/PointField's datatypes.
 double point_field(std::string_view point, size_t offset, int type, bool swapped) {
@@ -55,51 +56,6 @@ std::vector<float> floats(const NumberArray& numbers) {
   return out;
 }
 
-/// The rest that a time is in; -1: none.
-int rest_of(const Intervals& rests, double time) {
-  for (size_t r = 0; r < rests.size(); ++r)
-    if (rests[r].contains(time)) return static_cast<int>(r);
-  return -1;
-}
-
-/// Collects what one sensor logs, and gives it on when the next rest begins.
-class ScanCollector {
- public:
-  ScanCollector(int sensor, const Intervals& rests, const std::function<void(RestScans&)>& visit)
-      : rests_(rests), visit_(visit) {
-    now_.sensor = sensor;
-  }
-
-  void add(const BagMessage& raw, double time, MessageReader& reader) {
-    const int rest = rest_of(rests_, time);
-    if (rest < 0) return;
-    if (rest != now_.rest) finish();
-    now_.rest = rest;
-    if (raw.topic->type == "sensor_msgs/LaserScan") {
-      now_.scans.push_back(laser_scan(reader.read(raw), time));
-      return;
-    }
-    const TimeInterval& of = rests_[static_cast<size_t>(rest)];
-    const double middle = (of.begin + of.end) / 2;
-    if (now_.cloud.points.empty() || std::abs(time - middle) < std::abs(now_.cloud.time - middle))
-      now_.cloud = point_cloud(reader.read(raw), time);
-  }
-
-  void finish() {
-    if (now_.rest >= 0) visit_(now_);
-    now_.rest = -1;
-    now_.scans.clear();
-    now_.cloud = Cloud();
-  }
-
- private:
-  const Intervals& rests_;
-  const std::function<void(RestScans&)>& visit_;
-  RestScans now_;
-};
-
-}  // namespace
-
 LaserScan laser_scan(const MessageValue& message, double time) {
   LaserScan out;
   out.time = time;
@@ -140,37 +96,100 @@ Cloud point_cloud(const MessageValue& message, double time) {
   return out;
 }
 
-void visit_scans(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                 const std::vector<int>& scans, const Intervals& rests,
-                 const std::function<void(RestScans&)>& visit) {
-  std::map<std::string, std::pair<size_t, std::vector<ScanCollector>>> by_topic;
-  std::map<std::string, size_t> next;  // message of a topic
-  for (size_t s = 0; s < scans.size(); ++s)
-    if (scans[s] >= 0) {
-      auto& [stream, collectors] = by_topic[streams.scans[static_cast<size_t>(scans[s])].topic];
-      stream = static_cast<size_t>(scans[s]);
-      collectors.emplace_back(static_cast<int>(s), rests, visit);
-    }
-  if (by_topic.empty()) return;
-  for (const std::string& bag : bags) {
-    MessageReader reader;
-    read_bag(bag, [&](const BagMessage& raw) {
-      const auto found = by_topic.find(raw.topic->name);
-      if (found == by_topic.end()) return true;
-      auto& [stream, collectors] = found->second;
-      try {
-        reader.read(raw);  // the first pass counted those that can be read
-        const size_t which = next[raw.topic->name]++;
-        const std::vector<double>& times = streams.scans[stream].times;
-        if (which < times.size())
-          for (ScanCollector& one : collectors) one.add(raw, times[which], reader);
-      } catch (const Damage&) {  // said by the first pass, or a cloud without intensities
-      }
-      return true;
-    });
+/// RestScans are what one sensor logged in one rest: scans, or the cloud nearest to the middle.
+struct RestScans {
+  int sensor = -1, rest = -1;
+  std::vector<LaserScan> scans;
+  Cloud cloud;  // without points: there is none
+};
+
+/// @throws Damage
+void add_message(const MessageValue& message, bool is_scan, double time, const TimeInterval& rest,
+                 RestScans& scans) {
+  const double middle = (rest.begin + rest.end) / 2;
+  if (is_scan)
+    scans.scans.push_back(laser_scan(message, time));
+  else if (scans.cloud.points.empty() ||
+           std::abs(time - middle) < std::abs(scans.cloud.time - middle))
+    scans.cloud = point_cloud(message, time);
+}
+
+/// The scans of a rest, with the readings of the joint that turns the laser; without readings: it
+/// has none.
+Sweep sweep_of(const Recorded& recorded, const TimeInterval& rest, RestScans& scans) {
+  Sweep sweep;
+  const int joint = recorded.rig.sensors[scans.sensor].scanning_joint;
+  if (joint < 0 || scans.scans.empty()) return sweep;
+  const Series& tilt = recorded.readings.series(joint);
+  for (size_t i = 0; i < tilt.size(); ++i)
+    if (tilt.times[i] > rest.begin - kMarginOfTilt && tilt.times[i] < rest.end + kMarginOfTilt)
+      sweep.tilt.push_back({tilt.times[i], tilt.values[i]});
+  sweep.scans = std::move(scans.scans);
+  return sweep;
+}
+
+/// Looks for all targets in what a sensor logged in a rest.
+void find_targets(const Recorded& recorded, const TimeInterval& rest, const TargetSearch& search,
+                  RestScans& scans, ScannedRests& out) {
+  const Sweep sweep = sweep_of(recorded, rest, scans);
+  std::vector<View>& views = out.views[scans.rest];
+  const size_t before = views.size();
+  std::string why_not = "no sweep of its joint";
+  for (int t = 0; t < static_cast<int>(recorded.rig.targets.size()); ++t) {
+    BeamWords words;
+    std::vector<View> some;
+    if (!sweep.scans.empty() && !sweep.tilt.empty())
+      some = search.sweep(scans.sensor, t, sweep, words);
+    else if (!scans.cloud.points.empty())
+      some = search.cloud(scans.sensor, t, scans.cloud, words);
+    views.insert(views.end(), some.begin(), some.end());
+    out.doubts.insert(words.doubts.begin(), words.doubts.end());
+    if (!words.why_not.empty()) why_not = words.why_not;
   }
-  for (auto& [topic, of] : by_topic)
-    for (ScanCollector& one : of.second) one.finish();
+  ScannedRests::Success& of = out.sensors[scans.sensor];
+  ++of.rests;
+  if (views.size() > before)
+    ++of.found;
+  else
+    ++of.not_found[why_not];
+}
+
+}  // namespace
+
+ScannedRests look_at_scans(const Recorded& recorded, const Intervals& rests,
+                           const TargetSearch& search) {
+  const std::vector<int>& streams = recorded.topics.scans;
+  ScannedRests out;
+  std::map<std::string, int> topics;
+  std::vector<RestScans> now;  // of each sensor the rest that is being read
+  for (int s = 0; s < static_cast<int>(streams.size()); ++s)
+    if (streams[s] >= 0) {
+      topics[recorded.streams.scans[streams[s]].topic] = streams[s];
+      now.push_back({s, -1, {}, {}});
+    }
+  const auto finish = [&](RestScans& one) {
+    if (one.rest >= 0) find_targets(recorded, rests[one.rest], search, one, out);
+    one = {one.sensor, -1, {}, {}};
+  };
+  read_again(recorded.bags, topics, false,
+             [&](int stream, size_t which, const BagMessage& raw, const MessageValue& message) {
+               const std::vector<double>& times = recorded.streams.scans[stream].times;
+               const int rest = which < times.size() ? interval_at(rests, times[which]) : -1;
+               for (RestScans& one : now) {
+                 if (streams[one.sensor] != stream || rest < 0) continue;
+                 if (rest != one.rest) finish(one);
+                 one.rest = rest;
+                 try {
+                   add_message(message, raw.topic->type == "sensor_msgs/LaserScan", times[which],
+                               rests[rest], one);
+                 } catch (const Damage&) {  // a cloud without intensities
+                 }
+               }
+             });
+  for (const auto& [topic, stream] : topics)
+    for (RestScans& one : now)
+      if (streams[one.sensor] == stream) finish(one);
+  return out;
 }
 
 }  // namespace kincal

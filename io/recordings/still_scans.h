@@ -1,31 +1,31 @@
-// The laser scans and point clouds of rests: read from the bags in a pass of their own, one rest of
-// one sensor in memory at a time.
+// Targets in the laser scans and point clouds of rests: these are read from the bags in a pass of
+// their own, one rest of one sensor in memory at a time.
 #pragma once
 
-#include <functional>
+#include <map>
+#include <set>
 #include <string>
 #include <vector>
 
-#include "streams.h"
-#include "sweep.h"
+#include "robot_readings.h"
+#include "still_images.h"
 
 namespace kincal {
 
-/// RestScans are what one sensor logged in one rest: scans, or the cloud nearest to the middle.
-struct RestScans {
-  int sensor = -1, rest = -1;
-  std::vector<LaserScan> scans;
-  Cloud cloud;  // without points: there is none
+/// ScannedRests are what was found in them.
+struct ScannedRests {
+  /// In how many rests a sensor found a target.
+  struct Success {
+    int rests = 0, found = 0;
+    std::map<std::string, int> not_found;  // rests, by the reason
+  };
+  std::map<int, std::vector<View>> views;  // by rest
+  std::map<int, Success> sensors;
+  std::set<std::string> doubts;
 };
 
-/// Reads the scans and clouds of sensors. `scans`: by sensor which of the streams, -1: none.
-/// @throws InputError as read_bag
-void visit_scans(const std::vector<std::string>& bags, const RecordedStreams& streams,
-                 const std::vector<int>& scans, const Intervals& rests,
-                 const std::function<void(RestScans&)>& visit);
-
-/// Decode the messages of these names; times are given. @throws Damage
-LaserScan laser_scan(const MessageValue& message, double time);
-Cloud point_cloud(const MessageValue& message, double time);
+/// Looks for targets in the scans and clouds of rests. @throws InputError as read_bag
+ScannedRests look_at_scans(const Recorded& recorded, const Intervals& rests,
+                           const TargetSearch& search);
 
 }  // namespace kincal

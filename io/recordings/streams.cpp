@@ -373,6 +373,27 @@ bool is_image_type(const std::string& type) {
   return type == "sensor_msgs/Image" || type == "sensor_msgs/CompressedImage";
 }
 
+void read_again(
+    const std::vector<std::string>& bags, const std::map<std::string, int>& topics, bool images,
+    const std::function<void(int, size_t, const BagMessage&, const MessageValue&)>& visit) {
+  std::map<int, size_t> next;  // by stream
+  for (const std::string& bag : bags) {
+    MessageReader reader;
+    read_bag(bag, [&](const BagMessage& raw) {
+      const auto found = topics.find(raw.topic->name);
+      if (found == topics.end() || is_image_type(raw.topic->type) != images) return true;
+      MessageValue value;
+      try {
+        value = reader.read(raw);
+      } catch (const Damage&) {  // said by the first pass
+        return true;
+      }
+      visit(found->second, next[found->second]++, raw, value);
+      return true;
+    });
+  }
+}
+
 RecordedStreams read_streams(const std::vector<std::string>& bags, const BagProgress& progress) {
   StreamReader reader;
   std::map<std::string, long> unreadable;

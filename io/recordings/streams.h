@@ -9,6 +9,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <string>
 #include <utility>
@@ -88,6 +89,14 @@ class MessageReader {
  private:
   std::map<const Topic*, MessageTypes> types_;
 };
+
+/// Reads the messages of some topics again that the first pass could read: of images or of others.
+/// `topics`: by name which stream; `visit` gets that, which message of it, and the message.
+/// @throws InputError as read_bag
+void read_again(const std::vector<std::string>& bags, const std::map<std::string, int>& topics,
+                bool images,
+                const std::function<void(int stream, size_t message, const BagMessage& raw,
+                                         const MessageValue& value)>& visit);
 
 /// True for sensor_msgs/Image and CompressedImage.
 bool is_image_type(const std::string& type);

@@ -1,0 +1,26 @@
+// The offsets in time between joints and cameras (time_offset.h), from a calibration by the rests.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "rest_samples.h"
+#include "time_offset.h"
+
+namespace kincal {
+
+struct Clocks {
+  std::vector<TimeOffset> offsets;  // of cameras with images
+  std::string without_steps;        // why the rig's steps are not those of the calibration
+};
+
+/// Compares them, by what cameras saw on the ways from rest to rest.
+Clocks compare_clocks(const Recorded& recorded, const RestSamples& samples,
+                      const std::vector<Sighting>& sightings,
+                      const std::map<int, std::vector<int>>& open_turns, int threads);
+
+/// Corrects the times of sightings by the offsets that are known.
+void correct_times(const std::vector<TimeOffset>& offsets, std::vector<Sighting>& sightings);
+
+}  // namespace kincal
