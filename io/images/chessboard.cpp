@@ -12,6 +12,7 @@
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "../../models/rig/numbers.h"
 #include "finders.h"
 #include "plane_view.h"
 #include "saddle.h"
@@ -94,9 +95,7 @@ class Pattern {
     std::vector<double> heights;
     for (int r = 0; r < size.height; ++r)
       for (int c = 0; c < size.width; ++c) heights.push_back(fields_at(cv::Point(c, r)).height);
-    const auto middle = heights.begin() + static_cast<long>(heights.size() / 2);
-    std::nth_element(heights.begin(), middle, heights.end());
-    usual_ = *middle;
+    usual_ = median(std::move(heights));
   }
 
   /// Whether a board is there whose point 0 is at `first`: corners along each of its lines.

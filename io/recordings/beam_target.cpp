@@ -28,19 +28,6 @@ constexpr double kUnlike = 0.4;  // of the contrast: residuals of what is no che
 constexpr double kMostPixels = 12e6;  // of a picture
 constexpr double kSeen = 1e-6;        // weight of a pixel that a beam has seen
 
-double median(std::vector<double> all) {
-  if (all.empty()) return 0;
-  const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
-  std::nth_element(all.begin(), middle, all.end());
-  return *middle;
-}
-
-double quantile(std::vector<double> all, double share) {
-  const auto at = static_cast<size_t>(share * static_cast<double>(all.size() - 1));
-  std::nth_element(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(at), all.end());
-  return all[at];
-}
-
 // ------------------------------------------------------------------------------------- the picture
 
 /// A BeamPicture is the intensities with square pixels; the pixel (x, y) is at u = left + pitch x,
@@ -373,7 +360,7 @@ bool goes_on(const Beams& beams, const BeamPicture& picture, const PlaneView& vi
              const ImageTarget& target, const std::vector<Corner>& corners) {
   std::vector<double> contrasts;
   for (const Corner& c : corners) contrasts.push_back(std::abs(c.half));
-  const double whole = median(contrasts);
+  const double whole = median(contrasts, 0);
   for (int side = 0; side < 4; ++side) {
     const bool across = side < 2;  // beyond the first or last column, else row
     const double beyond = side % 2 == 0 ? -1 : across ? target.columns : target.rows;
@@ -461,7 +448,7 @@ bool fit_plane(std::vector<RangedBeam>& beams, RangePlane& plane) {
       b.error = b.beam->range - p.expected(b.ray);
       errors.push_back(std::abs(b.error));
     }
-    return median(errors);
+    return median(errors, 0);
   };
   for (int trial = 0; trial < 60; ++trial) {
     std::vector<Vector3d> three;
@@ -537,7 +524,7 @@ bool fit_all(const Beams& beams, std::vector<Corner>& corners) {
     contrasts.push_back(std::abs(c.half));
     errors.push_back(c.squares / static_cast<double>(c.beams.size()));
   }
-  const double contrast = median(contrasts), error = median(errors);
+  const double contrast = median(contrasts, 0), error = median(errors, 0);
   corners.clear();
   if (std::sqrt(error) > kUnlike * contrast) return false;
   const Grain grain = grain_of(near, error);
@@ -657,7 +644,7 @@ Vector2d range_of(const std::vector<const Beam*>& beams, BeamPoint& p) {
     for (const Beam* b : kept) scatter += std::pow(error(b), 2);
     scatter = std::sqrt(scatter / std::max(1., static_cast<double>(kept.size()) - 3));
     std::vector<const Beam*> better;
-    const double most = 4 * 1.4826 * median(errors) + 1e-9;
+    const double most = 4 * 1.4826 * median(errors, 0) + 1e-9;
     for (const Beam* b : kept)
       if (std::abs(error(b)) < most) better.push_back(b);
     if (better.size() == kept.size() || better.size() < 6) break;
@@ -682,9 +669,9 @@ BeamPoint middle_of(const Beams& beams, const std::vector<const Beam*>& heap) {
     if ((out - step).maxCoeff() > 0) around.push_back(b.intensity);
   }
   for (const Beam* b : heap) inside.push_back(b->intensity);
-  const double ground = median(around), top = quantile(inside, 0.8);
+  const double ground = median(around, 0), top = quantile(inside, 0.8);
   for (const double level : around) deviations.push_back(std::abs(level - ground));
-  const double noise = 1.4826 * median(deviations);
+  const double noise = 1.4826 * median(deviations, 0);
   const BeamPicture picture = picture_of(near, step, 0.5 * step.minCoeff());
   Vector2d slope = Vector2d::Zero(), variance = slope;  // of the range, relative to it
   BeamPoint out;

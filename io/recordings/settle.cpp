@@ -152,9 +152,7 @@ double scatter_at_rest(const Series& series) {
              jittering = static_cast<double>(jitters.size());
   if (resting > kQuantile * all && jittering > kJitters * (resting + jittering))
     return median(std::move(jitters), 0);
-  const auto at = deviations.begin() + static_cast<std::ptrdiff_t>(kQuantile * all);
-  std::nth_element(deviations.begin(), at, deviations.end());
-  return *at;
+  return nth_smallest(std::move(deviations), static_cast<size_t>(kQuantile * all));
 }
 
 double smallest_step(const Series& series) {

@@ -76,10 +76,8 @@ double corner_scatter(const std::vector<std::vector<CornerFrame>>& rests, double
       if (std::isfinite(square)) squares.push_back(square / 2);
     }
   if (squares.empty()) return 0;
-  const auto at =
-      squares.begin() + static_cast<std::ptrdiff_t>(quantile * static_cast<double>(squares.size()));
-  std::nth_element(squares.begin(), at, squares.end());
-  return std::sqrt(*at);
+  const auto smaller = static_cast<size_t>(quantile * static_cast<double>(squares.size()));
+  return std::sqrt(nth_smallest(std::move(squares), smaller));
 }
 
 Intervals still_frames(const std::vector<CornerFrame>& frames, double tolerance,

@@ -99,9 +99,8 @@ double usual_step(std::vector<double> steps) {
   steps.erase(std::remove_if(steps.begin(), steps.end(), [](double s) { return !(s > 0); }),
               steps.end());
   if (steps.empty()) return 0;
-  const auto at = steps.begin() + static_cast<std::ptrdiff_t>(9 * (steps.size() - 1) / 10);
-  std::nth_element(steps.begin(), at, steps.end());
-  return *at;
+  const size_t smaller = 9 * (steps.size() - 1) / 10;
+  return nth_smallest(std::move(steps), smaller);
 }
 
 /// The beams whose place in the picture goes down (`side` 1) or up (-1) with the reading. Behind a

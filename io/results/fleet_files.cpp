@@ -226,11 +226,7 @@ void find_other_rigs(const std::vector<Beginning>& beginnings, Fleet& fleet) {
   const auto usual = std::max_element(
       count.begin(), count.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
   std::map<std::string, double> middle;
-  for (auto& [name, of_all] : values) {
-    const auto at = of_all.begin() + static_cast<std::ptrdiff_t>(of_all.size() / 2);
-    std::nth_element(of_all.begin(), at, of_all.end());
-    middle[name] = *at;
-  }
+  for (auto& [name, of_all] : values) middle[name] = median(std::move(of_all));
   for (size_t i = 0; i < beginnings.size(); ++i)
     if (const std::string how = other_rig(beginnings[i], usual->first, middle, fleet.numbers);
         !how.empty())

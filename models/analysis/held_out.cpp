@@ -57,14 +57,6 @@ Interval rms_ratio_interval(const std::vector<double>& squares, const std::vecto
 
 namespace {
 
-/// Returns the median; NaN: of nothing. The values change places.
-double median_of(std::vector<double> values) {
-  if (values.empty()) return kNan;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 /// Appends the length of each point's residual; of a pose, of its translation.
 void add_lengths(const VectorXd& raw, Eigen::Index rows, bool pose, std::vector<double>& to) {
   for (Eigen::Index at = 0; at < raw.size(); at += rows)
@@ -142,12 +134,12 @@ std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks,
     };
     judge(&BlockSums::squared, e.rms, e.of_rms);
     judge(&BlockSums::as_read, e.rms_as_read, e.of_rms_as_read);
-    const auto median = [&](const std::map<int, std::vector<double>>& by_sensor) {
+    const auto median_of = [&](const std::map<int, std::vector<double>>& by_sensor) {
       const auto found = by_sensor.find(static_cast<int>(s));
-      return found == by_sensor.end() ? kNan : median_of(found->second);
+      return found == by_sensor.end() ? kNan : median(found->second);
     };
-    e.median = median(held_out.lengths);
-    e.median_as_read = median(held_out.lengths_as_read);
+    e.median = median_of(held_out.lengths);
+    e.median_as_read = median_of(held_out.lengths_as_read);
     e.rotation = e.rotation_as_read = kNan;
     if (e.measures_pose) {
       judge(&BlockSums::rotation, e.rotation, e.of_rotation);

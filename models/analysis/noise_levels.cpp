@@ -405,13 +405,8 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
       }
   }
   std::vector<double> out(rig.joints.size(), 1.0);
-  for (size_t j = 0; j < sizes.size(); ++j) {
-    std::vector<double>& v = sizes[j];
-    if (v.size() < kLeastSamples) continue;
-    const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-    std::nth_element(v.begin(), middle, v.end());
-    out[j] = 1.4826 * *middle;
-  }
+  for (size_t j = 0; j < sizes.size(); ++j)
+    if (sizes[j].size() >= kLeastSamples) out[j] = 1.4826 * median(std::move(sizes[j]));
   return out;
 }
 

@@ -295,9 +295,7 @@ Pose robust_mean(const std::vector<Pose>& poses, double length) {
   }
   std::vector<double> away;
   for (const Pose& p : poses) away.push_back(distance(poses[best], p));
-  std::vector<double> sorted = away;
-  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
-  const double limit = 3 * sorted[sorted.size() / 2] + 1e-9;
+  const double limit = 3 * median(away) + 1e-9;
   Matrix3d rotation = Matrix3d::Zero();
   Vector3d translation = Vector3d::Zero();
   int count = 0;
@@ -317,9 +315,7 @@ bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<P
       const Pose difference = inverse(y_of * b[i]) * (a[i] * x_of);
       away[i] = log_so3(difference.rotation).norm() + difference.translation.norm();
     }
-    std::vector<double> sorted = away;
-    std::nth_element(sorted.begin(), sorted.begin() + n / 2, sorted.end());
-    return sorted[n / 2];
+    return median(away);
   };
   double least = middle(x, y) / 3;
   bool better = false;

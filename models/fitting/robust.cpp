@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+
+#include "../rig/numbers.h"
 
 namespace kincal {
 std::vector<double> robust_noise_ratios(const Rig& rig,
@@ -11,15 +14,12 @@ std::vector<double> robust_noise_ratios(const Rig& rig,
     for (Eigen::Index i = 0; i < r.whitened.size(); ++i)
       if (std::isfinite(r.whitened(i))) sizes[r.view->sensor].push_back(std::abs(r.whitened(i)));
   std::vector<double> out(rig.sensors.size(), 1.0);
-  for (size_t s = 0; s < sizes.size(); ++s) {
-    std::vector<double>& v = sizes[s];
-    if (v.empty()) continue;
-    std::nth_element(v.begin(), v.begin() + v.size() / 2, v.end());
-    out[s] = std::max(1.4826 * v[v.size() / 2],
-                      rig.sensors[s].model->measurement_kind() == MeasurementKind::chain
-                          ? 1.0
-                          : kLeastNoiseRatio);
-  }
+  for (size_t s = 0; s < sizes.size(); ++s)
+    if (!sizes[s].empty())
+      out[s] = std::max(1.4826 * median(std::move(sizes[s])),
+                        rig.sensors[s].model->measurement_kind() == MeasurementKind::chain
+                            ? 1.0
+                            : kLeastNoiseRatio);
   return out;
 }
 
