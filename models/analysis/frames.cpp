@@ -10,6 +10,7 @@
 #include "../../solver/observability.h"
 #include "../rig/configuration.h"
 #include "../rig/draws.h"
+#include "../rig/geometry.h"
 
 namespace kincal {
 namespace {
@@ -180,13 +181,7 @@ UnseenPoses unseen_poses(const Solution& solution) {
 std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t seed) {
   Draws draws(seed);
   std::vector<Readings> out(count, Readings(rig.tree.joints.size(), kNan));
-  for (Readings& readings : out)
-    for (size_t j = 0; j < readings.size(); ++j) {
-      const Joint& joint = rig.tree.joints[j];
-      if (!joint.drives()) continue;
-      const auto [low, high] = usual_range(joint);
-      readings[j] = draws.uniform(low, high);
-    }
+  for (Readings& readings : out) draw_readings(rig.tree, draws, readings);
   return out;
 }
 

@@ -140,12 +140,6 @@ std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& gr
   return out;
 }
 
-std::shared_ptr<const Recording> with_steps(const Recording& recording, std::vector<Step> steps) {
-  Rig rig = recording.rig;
-  rig.steps = std::move(steps);
-  return make_recording(std::move(rig), recording.samples);
-}
-
 /// Moves what is held back to where it counts from: a pose of which nothing is estimated any more
 /// to the last bit.
 void put_back(const ParameterTable& table, const VectorXd& initial,

@@ -29,12 +29,9 @@ Solution as_given(const Rig& given, const Solution& solution, const CalibrationO
   for (int p : open_poses(given, recording->table))
     step.free.push_back(recording->table.all[p].name);
   if (!step.free.empty()) {
-    Rig rig = given;
-    rig.steps = {step};
     StepVariations once;  // it fits badly: that is no reason to try other starts
     once.before_step = [](const StepPlan&, const VectorXd&, VectorXd&) {};
-    return calibrate(make_recording(std::move(rig), solution.samples()), options_of_steps(options),
-                     once);
+    return calibrate(with_steps(*recording, {step}), options_of_steps(options), once);
   }
   Solution out;
   out.initial = out.values.shared = recording->table.initial;

@@ -51,10 +51,8 @@ std::shared_ptr<const Recording> with_steps(const std::shared_ptr<const Recordin
                                             const StudyOptions& options,
                                             CalibrationOptions& calibration) {
   if (!recording->rig.steps.empty()) return recording;
-  Rig rig = recording->rig;
-  rig.steps = automatic_steps(*recording, automatic_options(options));
   calibration.fix.clear();
-  return make_recording(std::move(rig), recording->samples);
+  return kincal::with_steps(*recording, automatic_steps(*recording, automatic_options(options)));
 }
 
 /// Mistakes are looked for in the samples as they were used, with the rig as it was given.

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "draws.h"
-
 namespace kincal {
 namespace {
 
@@ -17,12 +15,7 @@ std::vector<std::vector<double>> draw_postures(const Tree& tree) {
   std::vector<std::vector<double>> out(kGeometryPostures,
                                        std::vector<double>(tree.joints.size(), 0.0));
   for (std::vector<double>& positions : out) {
-    for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const Joint& joint = tree.joints[j];
-      if (!joint.drives()) continue;
-      const auto [lower, upper] = usual_range(joint);
-      positions[j] = draws.uniform(lower, upper);
-    }
+    draw_readings(tree, draws, positions);
     follow_mimics(tree, positions);
   }
   return out;
@@ -60,6 +53,14 @@ int component_along(const Vector3d& axis) {
   for (int k = 1; k >= 0; --k)
     if (std::abs(axis(k)) > std::abs(axis(best)) + 1e-6) best = k;
   return best;
+}
+
+void draw_readings(const Tree& tree, Draws& draws, std::vector<double>& readings) {
+  for (size_t j = 0; j < tree.joints.size(); ++j) {
+    if (!tree.joints[j].drives()) continue;
+    const auto [lower, upper] = usual_range(tree.joints[j]);
+    readings[j] = draws.uniform(lower, upper);
+  }
 }
 
 int body_of(const Tree& tree, int link) {

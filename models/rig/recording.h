@@ -41,6 +41,14 @@ inline std::shared_ptr<const Recording> make_recording(Rig rig, std::vector<Samp
   return std::make_shared<const Recording>(std::move(rig), std::move(samples));
 }
 
+/// Returns the same recording with other steps.
+inline std::shared_ptr<const Recording> with_steps(const Recording& recording,
+                                                   std::vector<Step> steps) {
+  Rig rig = recording.rig;
+  rig.steps = std::move(steps);
+  return make_recording(std::move(rig), recording.samples);
+}
+
 /// Returns how many different readings the training samples have.
 inline size_t count_postures(const Recording& recording) {
   std::set<std::vector<double>> readings;
