@@ -4,17 +4,17 @@
 #include <cmath>
 #include <deque>
 
+#include "../../models/rig/distributions.h"
 #include "../../models/rig/numbers.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kNoiseWindow = 0.25;                    // s
-constexpr size_t kLeastInWindow = 8;                     // values
-constexpr double kQuantile = 0.1;                        // of windows
-constexpr double kQuantileNormal = -1.2815515655446004;  // of the standard Gaussian at kQuantile
-constexpr double kTolerance = 6;                         // in scatters
-constexpr double kStepTolerance = 1.5;                   // in steps of an encoder
+constexpr double kNoiseWindow = 0.25;   // s
+constexpr size_t kLeastInWindow = 8;    // values
+constexpr double kQuantile = 0.1;       // of windows
+constexpr double kTolerance = 6;        // in scatters
+constexpr double kStepTolerance = 1.5;  // in steps of an encoder
 constexpr double kNoTrend =
     12;  // F of two and n - 3 degrees of freedom: 1 in 4000 of noise is above
 constexpr double kJitters = 0.1;  // of the windows at rest, at least
@@ -64,11 +64,10 @@ NoiseWindow noise_window(const Series& s, size_t first, size_t end) {
   return out;
 }
 
-/// The quantile (`normal`: of the standard Gaussian there) of a standard deviation of k degrees of
-/// freedom of a Gaussian with sigma 1.
-double usual_deviation(double k, double normal) {
-  const double a = 2 / (9 * k), cube = 1 - a + normal * std::sqrt(a);
-  return std::sqrt(std::max(1e-3, cube * cube * cube));
+/// What a share of the standard deviations of k degrees of freedom is below, of a Gaussian with
+/// sigma 1.
+double usual_deviation(double k, double share) {
+  return std::sqrt(chi2_quantile(1 - share, k) / k);
 }
 
 /// Value i of a series, and how it goes on there: the slope of the parabola through it and its
@@ -139,11 +138,11 @@ double scatter_at_rest(const Series& series) {
     if (end - first >= kLeastInWindow) {
       const NoiseWindow window = noise_window(series, first, end);
       const double freedom = static_cast<double>(end - first) - 3;
-      deviations.push_back(window.deviation / usual_deviation(freedom, kQuantileNormal));
+      deviations.push_back(window.deviation / usual_deviation(freedom, kQuantile));
       if (window.range <= 1.001 * step)
         ++constant;
       else if (window.trend < kNoTrend)
-        jitters.push_back(window.deviation / usual_deviation(freedom, 0));
+        jitters.push_back(window.deviation / usual_deviation(freedom, 0.5));
     }
     first = end;
   }

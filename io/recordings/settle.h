@@ -3,9 +3,9 @@
 // Noise. The scatter of a series at rest is what a parabola leaves inside windows of 1/4 s (of 8
 // values at least), so that motion makes little of it. Motion that no parabola follows makes some
 // windows larger, so a low quantile (a tenth) of the windows' standard deviations is taken, divided
-// by what that quantile is of a Gaussian's (chi^2 of n - 3 degrees of freedom, by Wilson and
-// Hilferty). Encoders that count have no scatter at all while they rest; the smallest step between
-// two readings stands beside it. Some drivers repeat a reading bit by bit in some rests (a brake, a
+// by what that quantile is of a Gaussian's (chi^2 of n - 3 degrees of freedom). Encoders that count
+// have no scatter at all while they rest; the smallest step between two readings stands beside it.
+// Some drivers repeat a reading bit by bit in some rests (a brake, a
 // filter, a stall) and not in others: where more than a tenth of the windows are constant (within
 // one step), but more than a tenth of those at rest are not, the median is taken of those which
 // jitter: windows of which a parabola explains no more than chance does (F below 12).

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../rig/student.h"
+#include "../rig/distributions.h"
 
 namespace kincal {
 namespace {
@@ -17,7 +17,7 @@ double interval_factor(const std::vector<double>& theta) {
   for (double t : theta) mean += t / m;
   for (double t : theta) variance += (t - mean) * (t - mean);
   const double error = std::sqrt(variance * (m - 1) / m),
-               factor = std::exp(student_quantile(static_cast<long>(theta.size()) - 1) * error / 2);
+               factor = std::exp(student_quantile(0.025, m - 1) * error / 2);
   return factor > 10 ? INFINITY : factor;
 }
 

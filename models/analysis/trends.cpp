@@ -7,6 +7,7 @@
 
 #include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 
 namespace kincal {
@@ -151,7 +152,7 @@ Trend trend_of(const Tree& tree, int joint, const JointErrors& errors, const Mat
   const double m = p * k,
                chi2 = -(n - 1 - (p + k + 1) / 2) * (log_determinant(left.transpose() * left) -
                                                     log_determinant(scatter.transpose() * scatter));
-  out.clear = (std::cbrt(std::max(0.0, chi2) / m) - 1 + 2 / (9 * m)) / std::sqrt(2 / (9 * m));
+  out.clear = chi2_deviate(chi2, m);
   for (long c = 0; c < left.cols(); ++c) {
     const double remains = left.col(c).squaredNorm(),
                  share = std::max(0.0, 1 - remains * (n - 1) / (n - 1 - k));
@@ -182,7 +183,7 @@ Jump jump_of(int joint, const std::vector<int>& samples, const VectorXd& errors,
   // y is orthogonal to u: s'y is a sum of y, and s's what u leaves of the ones.
   const double all = y.squaredNorm();
   Eigen::RowVectorXd along = Eigen::RowVectorXd::Zero(rank);
-  double sum = 0;
+  double sum = 0, most = 0;
   for (long k = n - 1; k >= kFewest; --k) {
     along += u.row(k);
     sum += y(k);
@@ -190,9 +191,11 @@ Jump jump_of(int joint, const std::vector<int>& samples, const VectorXd& errors,
     const double size = static_cast<double>(n - k) - along.squaredNorm(), by = sum / size,
                  gone = by * sum, left = all - gone;
     if (!(size > kSame * static_cast<double>(n)) || !(left > 0) || gone < kMost * all) continue;
-    const double clear = std::sqrt(nu * std::log1p(gone / left)) * (8 * nu + 1) / (8 * nu + 3);
-    if (clear >= out.clear) out = {joint, samples[static_cast<size_t>(k)], by, clear};
+    if (gone / left < most) continue;
+    most = gone / left;
+    out = {joint, samples[static_cast<size_t>(k)], by, 0};
   }
+  out.clear = student_deviate(std::sqrt(nu * most), nu);
   return out;
 }
 

@@ -13,9 +13,8 @@
 // regression leaves, Wilks' lambda = det E / det T of errors that do not know the posture is such
 // that
 //     chi2 = -(n - 1 - (p + k + 1) / 2) ln lambda
-// has p k degrees of freedom (Bartlett 1938), whatever their size; and ((chi2 / m)^(1/3) - 1 + 2 /
-// (9 m)) / sqrt(2 / (9 m)), m = p k, is nearly normal (Wilson and Hilferty 1931). A trend is what
-// chance makes in one of 30,000 joints, and which is a good part of the scatter.
+// has p k degrees of freedom (Bartlett 1938), whatever their size. A trend is what chance makes in
+// one of 30,000 joints (4 standard deviations), and which is a good part of the scatter.
 //
 // Samples that follow each other with readings that hardly differ (by half a sigma) are of a robot
 // that stands still: its errors are the same ones, and their mean counts once.
@@ -24,9 +23,9 @@
 // between two samples leaves errors that jump there: of those that the regression above leaves, y,
 // and what it leaves of the step s (0 before sample k, 1 from there on), b = s'y / s's is the jump,
 //     t^2 = nu b^2 s's / (y'y - b^2 s's),   nu = n - rank - 1,
-// and sqrt(nu ln(1 + t^2 / nu)) (8 nu + 1) / (8 nu + 3) nearly normal (Wallace 1959). The largest
-// over k is a jump from 4.8 on, if it is a third of the scatter. (Of 4,787 joints of 797 simulated
-// recordings without one the largest was 4.3.)
+// is that of Student's t with nu degrees of freedom. The largest over k is a jump from 4.8 standard
+// deviations on, if it is a third of the scatter. (Of 4,787 joints of 797 simulated recordings
+// without one the largest was 4.3.)
 #pragma once
 
 #include <string>

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
+#include "../rig/distributions.h"
 
 namespace kincal {
 namespace {
@@ -194,7 +195,7 @@ double bounding_variance(const VectorXd& variance, const VectorXd& weight) {
     const double s = 0.5 * (low + high);
     double beyond = 0;
     for (Eigen::Index j = 0; j < variance.size(); ++j)
-      beyond += weight(j) * std::erfc(3 * s / std::sqrt(2 * variance(j)));
+      beyond += weight(j) * 2 * normal_tail(3 * s / std::sqrt(variance(j)));
     (beyond > kBeyondThree * weight.sum() ? low : high) = s;
   }
   return high * high;

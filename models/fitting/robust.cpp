@@ -6,6 +6,8 @@
 
 #include "../rig/numbers.h"
 
+#include "../rig/distributions.h"
+
 namespace kincal {
 std::vector<double> robust_noise_ratios(const Rig& rig,
                                         const std::vector<ViewResiduals>& residuals) {
@@ -57,8 +59,8 @@ SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions 
 }
 
 double chi2_bound(long n) {
-  const double v = 2.0 / (9.0 * n);
-  return n * std::pow(1 - v + 6 * std::sqrt(v), 3);
+  constexpr double kSigmas = 6;
+  return chi2_quantile(normal_tail(kSigmas), static_cast<double>(n));
 }
 
 }  // namespace kincal

@@ -33,8 +33,8 @@ std::vector<double> robust_noise_ratios(const Rig& rig,
 SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions options,
                              VectorXd& state, const std::vector<double>* noise_ratios = nullptr);
 
-/// Returns the bound of chi2 with n degrees of freedom that chance exceeds with probability 1e-9
-/// (six sigmas; Wilson and Hilferty 1931, which for few degrees of freedom is on the safe side).
+/// Returns the bound of chi2 with n degrees of freedom that chance exceeds as often as a normal
+/// number exceeds six sigmas: once in 1e9.
 double chi2_bound(long n);
 
 }  // namespace kincal

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
-#include "../rig/student.h"
+#include "../rig/distributions.h"
 
 namespace kincal {
 namespace {

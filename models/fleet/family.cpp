@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
-#include "../rig/student.h"
 
 namespace kincal {
 namespace {
@@ -73,13 +73,6 @@ MatrixXd shrunk(MatrixXd moment, double count, const VectorXd& scale) {
   moment *= count / (n + count);
   moment.diagonal() = variance;
   return moment;
-}
-
-/// t of a robot's distance, as of chi-squared.
-double normal_of(double squared, int equations) {
-  if (equations == 0) return 0;
-  const double k = 2 / (9.0 * equations);
-  return (std::cbrt(squared / equations) - 1 + k) / std::sqrt(k);
 }
 
 /// Takes what the null is shifted and scaled by out of all t.
@@ -190,7 +183,9 @@ Family judge_family(const std::vector<Evidence>& robots, const VectorXd& scale) 
   const auto distance = [&](const Weighed& one, size_t i) {
     family.members[i].distance = one.left.squaredNorm();
     family.members[i].equations = static_cast<int>(one.left.size());
-    t[i] = normal_of(family.members[i].distance, family.members[i].equations);
+    t[i] = one.left.size() == 0
+               ? 0
+               : chi2_deviate(family.members[i].distance, static_cast<double>(one.left.size()));
   };
   const double freedom = kFreedom + kFreedomShare * static_cast<double>(robots.size());
   const auto tail = [&](double one) { return student_tail(one, freedom); };

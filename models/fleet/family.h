@@ -23,13 +23,12 @@
 // beyond 0.1 % of what is healthy left out, until these are the same ones.
 //
 // Weighed. A robot must not judge itself: its distance is taken with its own part of mean and S
-// taken out again. With k equations d^2 is chi-squared but for what S lacks; by its cube root
-// (Wilson and Hilferty 1931) t = ((d^2/k)^(1/3) - 1 + 2/(9 k)) / sqrt(2/(9 k)) is normal. Where S
-// is uncertain, t is shifted and scaled, of all healthy robots alike: their median and lower
-// quantile say by how much (the empirical null of Efron, JASA 99, 2004), the more the more robots
-// there are. What is left is as a Student number of 4 + m / 5 degrees of freedom (found on
-// simulated fleets of 8 to 1,000 robots: shift and scale are uncertain, too), whose tail is p: of
-// healthy robots a share of `level` has p below `level`.
+// taken out again. With k equations d^2 is chi-squared but for what S lacks; t is the standard
+// normal number that is exceeded as often. Where S is uncertain, t is shifted and scaled, of all
+// healthy robots alike: their median and lower quantile say by how much (the empirical null of
+// Efron, JASA 99, 2004), the more the more robots there are. What is left is as a Student number of
+// 4 + m / 5 degrees of freedom (found on simulated fleets of 8 to 1,000 robots: shift and scale are
+// uncertain, too), whose tail is p: of healthy robots a share of `level` has p below `level`.
 //
 // Which numbers. If number c of the robot alone were off, it would be by
 //     off = s / q,   s = (R'M^-1 (z - R mean))_c,  q = (R'M^-1 R)_cc,   sigma 1 / sqrt(q):

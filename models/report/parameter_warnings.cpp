@@ -6,6 +6,7 @@
 #include <set>
 
 #include "../analysis/hand_eye.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
 #include "cases.h"
@@ -125,7 +126,7 @@ bool prior_is_doubtful(const Report& report) {
       if (e.prior[c] > 0 && std::abs(e.value[c] - e.initial[c]) > kSigmas * e.prior[c] &&
           !grouped.count(e.component_name(c)))
         return true;
-  return told * std::erfc(worst / std::sqrt(2.0)) < kRarely;
+  return told * 2 * normal_tail(worst) < kRarely;
 }
 
 /// The pose component that is known worst, and how many times as badly as a mount may be.

@@ -6,10 +6,10 @@
 #include <map>
 
 #include "../rig/configuration.h"
+#include "../rig/distributions.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
-#include "../rig/student.h"
 #include "../rig/words.h"
 
 namespace kincal {

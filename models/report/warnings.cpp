@@ -7,6 +7,7 @@
 #include "../analysis/hand_eye.h"
 #include "../calibration/start_poses.h"
 #include "../rig/configuration.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "cases.h"
@@ -248,7 +249,7 @@ void warn_of_joint_errors(const Solution& solution, Notices& out) {
   constexpr double kOneInFifty = 0.02;  // that one of so many right errors is beyond the limit
   const double count = static_cast<double>(solution.values.errors.size());
   double limit = 4;
-  while (count * std::erfc(limit / std::sqrt(2.0)) > kOneInFifty) limit += 0.1;
+  while (count * 2 * normal_tail(limit) > kOneInFifty) limit += 0.1;
   std::map<int, Excess> excess;  // by joint
   for (const auto& e : solution.values.errors) {
     const double sigmas =

@@ -11,6 +11,7 @@
 #include "../calibration/calibration.h"
 #include "../fitting/fit.h"
 #include "../rig/configuration.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/selection.h"
 
@@ -221,12 +222,6 @@ VectorXd variation(const std::vector<Near>& near, const VectorXd& offsets, doubl
   return out;
 }
 
-/// A value of the F distribution as one of the standard normal (Paulson).
-double normal_of_f(double f, double freedom1, double freedom2) {
-  const double a = 2 / (9 * freedom1), b = 2 / (9 * freedom2), root = std::cbrt(f);
-  return ((1 - b) * root - (1 - a)) / std::sqrt(b * root * root + a);
-}
-
 /// Squared raw residuals of a sensor, readings exact.
 struct Errors {
   double squared = 0, rotation = 0;
@@ -402,8 +397,8 @@ LeftOut judge_gain(const std::vector<Near>& near, const Estimate& estimate, doub
   const VectorXd solved = shortest_least_squares(sums.b, sums.g, &determined);
   const double rank = static_cast<double>(determined);
   if (choice.freedom > 0)
-    out.significance = normal_of_f(sums.g.dot(solved) / rank / (choice.noise * choice.noise), rank,
-                                   choice.freedom);
+    out.significance =
+        f_deviate(sums.g.dot(solved) / rank / (choice.noise * choice.noise), rank, choice.freedom);
   out.gain = out.samples > 0 && out.significance > kSignificance &&
              best >= kClaim * left_out.standard_error(out.samples);
   if (out.gain) {

@@ -49,8 +49,7 @@
 // than the calibration as it is; the radius is where it is largest. A gain is claimed if that sum
 // is at least two of its standard errors and if the offsets are no accident: under the hypothesis
 // that there are none g ~ N(0, s^2 B), so that (g'B^-1 g / p) / s^2 has an F distribution; as a
-// standard normal number (Paulson, 1942: the cube root of F) it must be above 3.5. The margin is
-// for having chosen h and the radius.
+// standard normal number it must be above 3.5. The margin is for having chosen h and the radius.
 #pragma once
 
 #include <functional>

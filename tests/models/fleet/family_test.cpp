@@ -14,7 +14,6 @@
 #include <cmath>
 
 #include "../../../models/rig/draws.h"
-#include "../../../models/rig/student.h"
 
 using namespace kincal;
 
@@ -180,11 +179,4 @@ TEST_CASE("fleet: few robots are not judged") {
   Draws draws(13);
   const MadeFleet fleet = make_fleet(draws, kFewestRobots - 1, {});
   CHECK_FALSE(judge_family(fleet.robots, fleet.scale).judged);
-}
-
-TEST_CASE("fleet: tails") {
-  CHECK(normal_tail(1.959964) == Approx(0.025).epsilon(1e-5));
-  CHECK(student_tail(2.228139, 10) == Approx(0.025).epsilon(0.01));
-  CHECK(student_tail(-2.228139, 10) == Approx(0.975).epsilon(0.01));
-  CHECK(student_tail(4.143700, 10) == Approx(0.001).epsilon(0.03));
 }
