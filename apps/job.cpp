@@ -168,7 +168,7 @@ Job read_job(const std::string& rig, const std::string& samples, int holdout, Pr
       held_out = folds.held_out(0);
       for (size_t i = 0; i < split.size(); ++i)
         if (folds.of[i] == 0) split[i].train = false;
-      recording = make_recording(rig_file.rig, std::move(split));
+      recording = make_recording(recording->with_samples(std::move(split)));
       check_steps(*recording);
     } catch (const std::invalid_argument& error) {
       throw InputError("--holdout: " + std::string(error.what()));

@@ -6,17 +6,18 @@
 #include <vector>
 
 #include "../models/estimation/estimation.h"
+#include "../tests/fixtures/open_recording.h"
 
 namespace kincal::benchmarks {
 
 /// A recording and all else that one estimation needs. `start` is where it starts; `truth` made the
 /// data.
-struct RobotProblem : Recording {
+struct RobotProblem : fixture::OpenRecording {
   std::string name;
   EstimationSetup setup;
   Values start, truth;
 
-  RobotProblem(std::string n, Rig r) : Recording(std::move(r), {}), name(std::move(n)) {}
+  RobotProblem(std::string n, Rig r) : OpenRecording(std::move(r)), name(std::move(n)) {}
 };
 
 struct Counts {

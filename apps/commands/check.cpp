@@ -74,7 +74,7 @@ int check(const CheckArguments& a) {
   now("checking");
   std::optional<Diagnosis> diagnosis;
   try {
-    diagnosis = diagnose(recording->rig, recording->samples, options);
+    diagnosis = diagnose(*recording, options);
   } catch (const NameError& error) {
     throw with_nearest(error);
   }

@@ -450,4 +450,16 @@ void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<Noise
   }
 }
 
+Recording scale_noise(const Recording& recording, const std::vector<NoiseLevel>& levels) {
+  const bool of_sensors = std::any_of(levels.begin(), levels.end(), [](const NoiseLevel& level) {
+    return level.joint < 0 && std::isfinite(level.seen);
+  });
+  Rig rig = recording.rig;
+  std::vector<Sample> samples;
+  if (of_sensors) samples = recording.samples;
+  scale_noise(rig, samples, levels);
+  return of_sensors ? Recording(std::move(rig), std::move(samples))
+                    : recording.with_rig(std::move(rig));
+}
+
 }  // namespace kincal

@@ -90,5 +90,6 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
 /// Multiplies the sigmas of what could be estimated by seen / assumed: of the rig, and of all
 /// views, those with sigmas or covariances of their own included.
 void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<NoiseLevel>& levels);
+Recording scale_noise(const Recording& recording, const std::vector<NoiseLevel>& levels);
 
 }  // namespace kincal

@@ -23,8 +23,8 @@ struct ProblemAt {
   }
 };
 
-/// A Scene is the problem of a step without its priors, at its solution. Recording and values must
-/// outlive it.
+/// A Scene is the problem of a step without its priors, at its solution. The values must outlive
+/// it.
 class Scene {
  public:
   /// Seen is a view that is looked at.
@@ -62,7 +62,7 @@ class Scene {
   Vector3d point(const VectorXd& values, int target, int id) const;
   double position(const VectorXd& values, const Seen& s, int joint, int moved, double by) const;
 
-  const Recording& recording_;
+  const Recording recording_;
   const Values& values_;
   ProblemAt at_;
   VectorXd zero_private_step_;

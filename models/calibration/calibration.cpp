@@ -254,7 +254,8 @@ Solution calibrate(const std::shared_ptr<const Recording>& recording,
 }
 
 struct Calibration::Parts {
-  std::shared_ptr<Recording> recording;
+  std::shared_ptr<std::vector<Sample>> samples;  // its own: replace() writes into them
+  std::shared_ptr<const Recording> recording;    // of them
   CalibrationOptions options;
   bool solved = false;
   CalibrationRun run;
@@ -267,9 +268,10 @@ Calibration::Calibration(const std::shared_ptr<const Recording>& recording,
     : parts_(new Parts) {
   if (recording->samples.empty()) throw std::invalid_argument("there are no samples");
   resolve_steps(*recording, options);
-  parts_->recording = std::make_shared<Recording>(*recording);  // its own: replace() writes into it
-  for (Sample& sample : parts_->recording->samples)  // where sigmas of other samples have a place
+  parts_->samples = std::make_shared<std::vector<Sample>>(recording->samples);
+  for (Sample& sample : *parts_->samples)  // where sigmas of other samples have a place
     if (sample.noise.empty()) sample.noise.assign(sample.readings.size(), 1);
+  parts_->recording = make_recording(recording->with_samples(parts_->samples));
   parts_->options = std::move(options);
 }
 
@@ -328,7 +330,7 @@ const Solution& Calibration::last() {
 }
 
 void Calibration::replace(int slot, const Sample& sample) {
-  std::vector<Sample>& samples = parts_->recording->samples;
+  std::vector<Sample>& samples = *parts_->samples;
   if (slot < 0 || slot >= static_cast<int>(samples.size()) || !same_shape(samples[slot], sample))
     throw std::invalid_argument("sample " + std::to_string(slot) +
                                 " is to be replaced by one that shows the same");

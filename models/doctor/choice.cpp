@@ -163,7 +163,7 @@ bool explains(const Rig& rig, const Question& question, const Hypothesis& h, con
 std::vector<Look> shortlist(const Recording& recording, const TrialContext& context,
                             const Question& question, const std::vector<Hypothesis>& candidates,
                             size_t first, size_t end) {
-  const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
+  const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
   std::vector<Look> order;
   double least = kInfinity;
   bool explained = false;
@@ -254,7 +254,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     const size_t extra = extras(all[i]) + (i >= usual),
                  fewest = extras(all[chosen]) + (chosen >= usual);
     const bool simpler = equal && (extra < fewest || (extra == fewest && preferred(t, i < chosen)));
-    if (!best || (equal ? simpler : t.cost < best->cost)) best = std::move(t), chosen = i;
+    if (!best || (equal ? simpler : t.cost < best->cost)) best.emplace(std::move(t)), chosen = i;
   };
   // What looked hopeless beside one that then explained all is not tried.
   const auto try_looked_at = [&](const std::vector<Look>& looks) {
@@ -344,7 +344,7 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
       Trial two = try_hypothesis(one.recording, further, others[k], one.fit,
                                  {100, 1e-9, false, best ? best->trial.cost : kInfinity});
       if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;
-      best = TwoMistakes{all[i], others[k], std::move(two)};
+      best.emplace(TwoMistakes{all[i], others[k], std::move(two)});
     }
   }
   if (!best) return best;
@@ -364,7 +364,7 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
                                            freed_names(recording.table, context.all));
   TrialContext bearing = context;
   bearing.all.loss = Loss{LossKind::cauchy, kBearing};
-  const Recording some(recording.rig, some_samples(recording, context.all.free.size()));
+  const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
   std::vector<std::pair<double, size_t>> order;
   for (size_t i = 0; i < all.size(); ++i) {
     context.report(static_cast<int>(i), static_cast<int>(all.size()));
@@ -390,7 +390,7 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
     t.fit = best_fit(t.recording, further, t.stage, {100, 1e-9});
     if (kMostWithout * t.fit.undefined.size() > t.recording.samples.size()) continue;
     least = typical;
-    best = std::move(t);
+    best.emplace(std::move(t));
     chosen = i;
   }
   if (!best) return std::nullopt;

@@ -10,7 +10,7 @@
 namespace kincal {
 
 struct FreedNames;
-struct Recording;
+class Recording;
 
 /// Finds samples with the same readings and the same measured numbers: one finding of all, those
 /// that are one measurement beside each other. Chain views measure nothing: samples that have no

@@ -21,7 +21,7 @@
 namespace kincal {
 namespace {
 
-using Samples = std::vector<Sample>;
+using SharedRecording = std::shared_ptr<const Recording>;
 
 // ------------------------------------------------------------------------------------------------
 // prove
@@ -174,16 +174,16 @@ Notice word(const Hypothesis& h, const Evidence& evidence) {
 /// Tests all mistakes, undoes the one that explains most, in the recording, the context and `now`,
 /// and reports it; false if none is believed. `by_movement`: what it explains is not chi2 but that
 /// the estimate is far from the rig's values.
-bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by_movement,
+bool explain(SharedRecording& recording, TrialContext& context, TrialFit& now, bool by_movement,
              std::vector<Notice>& out) {
-  std::optional<Explanatory> best = choose(recording, context, {now, by_movement});
+  std::optional<Explanatory> best = choose(*recording, context, {now, by_movement});
   if (!best) return false;
   const std::optional<Evidence> evidence =
-      by_movement ? prove_by_movement(recording, context, now, best->trial)
+      by_movement ? prove_by_movement(*recording, context, now, best->trial)
                   : prove_by_chi2(now, best->trial.fit);
   if (!evidence) return false;
   Rig rig = best->trial.recording.rig;
-  if (!best->hypothesis.squares.empty()) scale(recording.rig, *best, rig);
+  if (!best->hypothesis.squares.empty()) scale(recording->rig, *best, rig);
   if (best->hypothesis.told)
     std::tie(best->hypothesis.mistake, best->hypothesis.cure) = told(best->hypothesis, best->trial);
   if (by_movement && best->hypothesis.kind == NoticeKind::mirrored &&
@@ -197,17 +197,17 @@ bool explain(Recording& recording, TrialContext& context, TrialFit& now, bool by
         "where kincal's goes into it (x along a row, y from row to row): then nothing has to be "
         "done: the estimate is right";
   out.push_back(word(best->hypothesis, *evidence));
-  recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
+  recording = make_recording(best->trial.recording.with_rig(std::move(rig)));
   context.all = std::move(best->trial.stage);
-  context.given_poses_freed = frees_given_poses(recording, context.all);
+  context.given_poses_freed = frees_given_poses(*recording, context.all);
   now = std::move(best->trial.fit);
   return true;
 }
 
 /// As explain(), of two mistakes at once.
-bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
+bool explain_two(SharedRecording& recording, TrialContext& context, TrialFit& now,
                  std::vector<Notice>& out) {
-  std::optional<TwoMistakes> best = choose_two(recording, context, now);
+  std::optional<TwoMistakes> best = choose_two(*recording, context, now);
   if (!best) return false;
   Rig rig = best->trial.recording.rig;
   Explanatory explanatory{std::move(best->first), std::move(best->trial)};
@@ -215,9 +215,9 @@ bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
   for (Hypothesis* h : {&explanatory.hypothesis, &best->second}) {
     if (h != &explanatory.hypothesis) explanatory.hypothesis = std::move(*h);
     if (!explanatory.hypothesis.squares.empty()) {
-      if (size_factors(recording.rig, explanatory.hypothesis, explanatory.trial).empty())
+      if (size_factors(recording->rig, explanatory.hypothesis, explanatory.trial).empty())
         return false;
-      scale(recording.rig, explanatory, rig);
+      scale(recording->rig, explanatory, rig);
     }
     both.push_back(explanatory.hypothesis);
   }
@@ -229,23 +229,23 @@ bool explain_two(Recording& recording, TrialContext& context, TrialFit& now,
                     evidence.sentences;
     out.push_back(word(both[i], one));
   }
-  recording = Recording(std::move(rig), std::move(explanatory.trial.recording.samples));
+  recording = make_recording(explanatory.trial.recording.with_rig(std::move(rig)));
   context.all = std::move(explanatory.trial.stage);
-  context.given_poses_freed = frees_given_poses(recording, context.all);
+  context.given_poses_freed = frees_given_poses(*recording, context.all);
   now = std::move(explanatory.trial.fit);
   return true;
 }
 
 /// What was found so far: the recording with the mistakes undone, and the fit of it.
 struct State {
-  Recording recording;
+  SharedRecording recording;
   TrialContext context;
   TrialFit now;
 };
 
 /// A mistake that leaves what no noise explains may have been believed in place of two others:
 /// these are looked for in what was given, and take its place if they leave far less.
-void try_two_in_their_place(const State& given, Recording& recording, TrialContext& context,
+void try_two_in_their_place(const State& given, SharedRecording& recording, TrialContext& context,
                             TrialFit& now, std::vector<Notice>& findings) {
   State two = given;
   std::vector<Notice> both;
@@ -259,21 +259,21 @@ void try_two_in_their_place(const State& given, Recording& recording, TrialConte
 }
 
 /// As explain(), where a few samples are wrong besides, which are left for the next round.
-bool explain_most(Recording& recording, TrialContext& context, TrialFit& now,
+bool explain_most(SharedRecording& recording, TrialContext& context, TrialFit& now,
                   std::vector<Notice>& out) {
-  std::optional<Explanatory> best = choose_by_most(recording, context, now);
+  std::optional<Explanatory> best = choose_by_most(*recording, context, now);
   if (!best) return false;
   Evidence evidence = prove_by_chi2(now, best->trial.fit);
   evidence.sentences = "Without this mistake most samples fit, but not all. " + evidence.sentences;
   Rig rig = best->trial.recording.rig;
   if (!best->hypothesis.squares.empty()) {
-    if (size_factors(recording.rig, best->hypothesis, best->trial).empty()) return false;
-    scale(recording.rig, *best, rig);
+    if (size_factors(recording->rig, best->hypothesis, best->trial).empty()) return false;
+    scale(recording->rig, *best, rig);
   }
   out.push_back(word(best->hypothesis, evidence));
-  recording = Recording(std::move(rig), std::move(best->trial.recording.samples));
+  recording = make_recording(best->trial.recording.with_rig(std::move(rig)));
   context.all = std::move(best->trial.stage);
-  context.given_poses_freed = frees_given_poses(recording, context.all);
+  context.given_poses_freed = frees_given_poses(*recording, context.all);
   now = std::move(best->trial.fit);
   return true;
 }
@@ -301,7 +301,7 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
     Rig rig = recording.rig;
     rig.joints[rig.tree.find_joint(f.where[0].name)].sigma = 1;
     const TrialFit unknown =
-        best_fit(Recording(std::move(rig), recording.samples), context, context.all, {100, 1e-6});
+        best_fit(recording.with_rig(std::move(rig)), context, context.all, {100, 1e-6});
     if (!unknown.complete() || (now.complete() && now.cost < Thresholds::decisive * unknown.cost))
       continue;
     found = true;
@@ -443,17 +443,17 @@ std::vector<Notice> examine_data(const Recording& recording, const TrialContext&
   return out;
 }
 
-Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
+Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) {
   Diagnosis out;
   out.tested = tested_mistakes();
-  std::vector<Notice> by_data = examine_data(recording, context), by_fits;
+  std::vector<Notice> by_data = examine_data(*recording, context), by_fits;
 
-  TrialFit now = fit_as_is(recording, context);
+  TrialFit now = fit_as_is(*recording, context);
   if (now.complete()) out.chi2 = now.chi2;
   out.dof = now.dof;
   const double at_first = now.per_dof();
   const State as_given = {recording, context, now};
-  const bool still_joint = prove_still_joints(recording, context, now, by_data);
+  const bool still_joint = prove_still_joints(*recording, context, now, by_data);
   for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
     if (!explain(recording, context, now, false, by_fits) ||
         by_fits.back().kind == NoticeKind::still_joint)
@@ -468,14 +468,14 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
   }
   if (!still_joint && !good(now) && (by_fits.empty() || now.per_dof() > Thresholds::hopeless))
     if (std::optional<Notice> changed =
-            two_parts(as_given.recording, as_given.context, as_given.now);
+            two_parts(*as_given.recording, as_given.context, as_given.now);
         changed &&
         (by_fits.empty() || !(now.chi2 < Thresholds::overwhelming * *changed->chi2_corrected)))
       by_fits = {std::move(*changed)};
   if (now.complete() && !still_joint &&
       (by_fits.empty() || by_fits.back().kind != NoticeKind::still_joint)) {
     const size_t before = by_fits.size();
-    check_starts(recording, context, now, by_fits);
+    check_starts(*recording, context, now, by_fits);
     // (Where the numbers of a fit lie that explains nothing says nothing.)
     for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round &&
                         now.farthest() > 1 && now.per_dof() < Thresholds::hopeless;
@@ -486,12 +486,12 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
     return f.kind == NoticeKind::normalised;
   });
   if (by_fits.empty() && !still_joint && !normalised)
-    if (std::optional<Notice> sigma = wrong_sigmas(recording, context, now))
+    if (std::optional<Notice> sigma = wrong_sigmas(*recording, context, now))
       by_fits.push_back(std::move(*sigma));
   const bool changed = !by_fits.empty() && by_fits.front().kind == NoticeKind::changed;
   if (!good(now) && now.complete() && !still_joint && !changed && !context.usual_steps)
-    out.readings = joint_noise(recording, context, now);
-  out.verdict = verdict(recording, context, now,
+    out.readings = joint_noise(*recording, context, now);
+  out.verdict = verdict(*recording, context, now,
                         {ended, at_first, !by_data.empty(),
                          std::any_of(by_data.begin(), by_data.end(), is_wrong_number),
                          !by_fits.empty(), still_joint, changed, out.readings});
@@ -503,15 +503,14 @@ Diagnosis examine(Recording recording, TrialContext context, Ended ended) {
 
 }  // namespace
 
-std::optional<Diagnosis> diagnose(const Rig& rig, const Samples& samples,
-                                  const DoctorOptions& options) {
+std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options) {
   TrialContext context;
   context.noise = options.noise;
   context.threads = options.threads;
   context.progress = options.progress;
   try {
-    Recording recording = plan_trials(rig, samples, context);
-    return examine(std::move(recording), std::move(context), options.ended);
+    SharedRecording planned = make_recording(plan_trials(recording, context));
+    return examine(std::move(planned), std::move(context), options.ended);
   } catch (const Cancelled&) {
     return std::nullopt;
   }

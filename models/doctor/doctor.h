@@ -33,8 +33,7 @@
 #include <optional>
 #include <vector>
 
-#include "../rig/rig.h"
-#include "../rig/samples.h"
+#include "../rig/recording.h"
 #include "data_checks.h"  // find_duplicates()
 #include "diagnosis.h"
 
@@ -52,9 +51,12 @@ struct DoctorOptions {
   std::function<bool(int, int)> progress;
 };
 
-/// Diagnoses a rig and its samples; nullopt: `progress` cancelled. @throws NameError,
-/// std::invalid_argument as Calibration does.
-std::optional<Diagnosis> diagnose(const Rig& rig, const std::vector<Sample>& samples,
-                                  const DoctorOptions& options);
+/// Diagnoses a recording, or a rig and its samples; nullopt: `progress` cancelled. @throws
+/// NameError, std::invalid_argument as Calibration does.
+std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options);
+inline std::optional<Diagnosis> diagnose(const Rig& rig, const std::vector<Sample>& samples,
+                                         const DoctorOptions& options) {
+  return diagnose(Recording(rig, samples), options);
+}
 
 }  // namespace kincal

@@ -444,7 +444,7 @@ std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContex
     replace_readings(recording.rig, readings, samples);
     if (samples.size() < kFewest) return kInfinity;
     const TrialFit f =
-        best_fit(Recording(recording.rig, std::move(samples)), context, context.all, {40, 1e-7});
+        best_fit(recording.with_samples(std::move(samples)), context, context.all, {40, 1e-7});
     return f.score();
   };
   // The best of three, and where their parabola has its least, again and again nearer.
@@ -518,8 +518,7 @@ std::optional<Hypothesis> unfinished_move(const Recording& recording, const Tria
       std::vector<Sample> samples = some;
       replace_readings(recording.rig, moved_by_share(all, order, by, share), samples);
       if (samples.size() < kFewest) return kInfinity;
-      return best_fit(Recording(recording.rig, std::move(samples)), context, context.all,
-                      {40, 1e-7})
+      return best_fit(recording.with_samples(std::move(samples)), context, context.all, {40, 1e-7})
           .score();
     };
     double share = 0, here = chi2(0);

@@ -36,8 +36,8 @@ TrialFit fit_held_at(const Recording& recording, const TrialContext& context, in
     rig.targets[p.owner].link_T_target = pose;
     rig.targets[p.owner].pose_given = true;
   }
-  return best_fit(Recording(std::move(rig), recording.samples), context,
-                  without(context.all, p.name), {60, 1e-4});
+  return best_fit(recording.with_rig(std::move(rig)), context, without(context.all, p.name),
+                  {60, 1e-4});
 }
 
 /// The finding, if the estimate left the given pose behind for the other one and chi2 agrees.
@@ -124,8 +124,7 @@ std::string joint_noise(const Recording& recording, const TrialContext& context,
     o.iterations = 60;
     o.relative_decrease = 1e-4;
     o.start = &now.values;
-    const TrialFit f =
-        trial_fit(Recording(std::move(rig), recording.samples), context, {context.all}, o);
+    const TrialFit f = trial_fit(recording.with_rig(std::move(rig)), context, {context.all}, o);
     if (f.per_dof() < Thresholds::good)
       return text(
           "Errors of the joint readings would: with sigma %.3g (rad, m) for every joint chi2/dof "

@@ -55,11 +55,11 @@ std::optional<NoiseFit> fit_noise(const Recording& recording, const TrialContext
   options.progress = [&](const std::string&, int, double, double) {
     return !context.progress || context.progress(-1, 0);
   };
-  Rig rig = with_one_step(recording, context.all);
-  std::vector<Sample> samples = recording.samples;
+  std::shared_ptr<const Recording> trial =
+      make_recording(recording.with_rig(with_one_step(recording, context.all)));
   NoiseFit out;
   for (int round = 0; round < kNoiseFits; ++round) {
-    const Solution solution = calibrate(make_recording(rig, samples), options);
+    const Solution solution = calibrate(trial, options);
     if (solution.status == Status::cancelled) throw Cancelled();
     if (!solution.usable()) return std::nullopt;
     const std::vector<NoiseLevel> levels = noise_levels(linearise(solution));
@@ -77,7 +77,7 @@ std::optional<NoiseFit> fit_noise(const Recording& recording, const TrialContext
     }
     if (round == 0 && farthest < kNearlyRight) return std::nullopt;
     if (moved < kLevelAtRest) return out;
-    scale_noise(rig, samples, levels);
+    trial = make_recording(scale_noise(*trial, levels));
   }
   return std::nullopt;
 }

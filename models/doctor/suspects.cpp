@@ -96,7 +96,7 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
     o.relative_decrease = 1e-3;
     o.start = &robust.values;
     o.give_up = give_up;
-    return trial_fit(Recording(rig, std::move(rest)), context, {context.all}, o);
+    return trial_fit(recording.with_samples(std::move(rest)), context, {context.all}, o);
   };
   const TrialFit rest = without_bad(kInfinity);
   double per_dof = rest.per_dof();
@@ -357,9 +357,8 @@ std::vector<Hypothesis> turned_views(const Recording& recording, const TrialFit&
   setup.noise = NoiseMode::none;
   setup.sensors = sensors;
   setup.loss = {LossKind::soft_l1, 3};
-  Recording one(rig, {});
   const auto cost_of = [&](const Sample& sample, StartEffort effort) {
-    one.samples = {sample};
+    const Recording one = recording.with_samples({sample});
     Values values;
     values.shared = robust.values.shared;
     try {

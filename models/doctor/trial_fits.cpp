@@ -20,8 +20,9 @@ using Samples = std::vector<Sample>;
 
 // ------------------------------------------------------------------------------------------------
 // what is freed
-/// Gives a rig without steps usual ones: nothing is taken as known.
-void add_usual_steps(Rig& rig, const Samples& samples) {
+/// The recording with usual steps, for a rig without any: nothing is taken as known.
+Recording with_usual_steps(const Recording& recording) {
+  Rig rig = recording.rig;
   Step step;
   step.name = "poses";
   for (size_t s = 0; s < rig.sensors.size(); ++s) step.sensors.push_back(static_cast<int>(s));
@@ -32,7 +33,7 @@ void add_usual_steps(Rig& rig, const Samples& samples) {
                   [](const Target& t) { return t.link >= 0 && t.mount_joint < 0; }))
     step.free.push_back("target/*/pose");
   std::set<int> joints;  // mounts that are seen
-  for (const Sample& sample : samples)
+  for (const Sample& sample : recording.samples)
     for (const View& v : sample.views)
       joints.insert({rig.sensors[v.sensor].mount_joint, rig.targets[v.target].mount_joint});
   for (const int j : joints)
@@ -45,10 +46,23 @@ void add_usual_steps(Rig& rig, const Samples& samples) {
   try {
     Rig more = rig;
     more.steps.push_back(step);
-    check_steps(Recording(more, samples));
-    rig.steps = more.steps;
+    const Recording both = recording.with_rig(std::move(more));
+    check_steps(both);
+    return both;
   } catch (const std::invalid_argument&) {  // no joint matters
+    return recording.with_rig(std::move(rig));
   }
+}
+
+/// The recording with samples for which `changes` holds changed.
+template <typename Changes, typename Change>
+Recording with_changed(const Recording& recording, Changes changes, Change change) {
+  const std::vector<Sample>& given = recording.samples;
+  if (std::none_of(given.begin(), given.end(), changes)) return recording;
+  std::vector<Sample> samples = given;
+  for (Sample& sample : samples)
+    if (changes(sample)) change(sample);
+  return recording.with_samples(std::move(samples));
 }
 
 /// What stages free and how, in the terms of a table.
@@ -331,14 +345,13 @@ bool frees_given_poses(const Recording& recording, const Stage& stage) {
   return false;
 }
 
-Recording plan_trials(Rig rig, Samples samples, TrialContext& context) {
-  for (Sample& s : samples) s.train = true;
-  if (rig.steps.empty()) {
-    add_usual_steps(rig, samples);
-    context.usual_steps = true;
-  }
-  const Recording planned(rig, samples);
+Recording plan_trials(const Recording& given, TrialContext& context) {
+  const Recording trained = with_changed(
+      given, [](const Sample& s) { return !s.train; }, [](Sample& s) { s.train = true; });
+  context.usual_steps = given.rig.steps.empty();
+  const Recording planned = context.usual_steps ? with_usual_steps(trained) : trained;
   check_steps(planned);
+  const Rig& rig = planned.rig;
   const std::vector<StepPlan> plans = resolve_steps(planned, {});
   const ParameterTable& table = planned.table;
   std::set<int> sensors;
@@ -368,11 +381,12 @@ Recording plan_trials(Rig rig, Samples samples, TrialContext& context) {
   for (const auto& p : priors)
     context.all.priors.push_back(
         {table.all[p.first.first].component_name(p.first.second), p.second});
-  for (Sample& s : samples)  // what no step uses is not judged
-    s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
-                                 [&](const View& v) { return !sensors.count(v.sensor); }),
-                  s.views.end());
-  Recording out(std::move(rig), std::move(samples));
+  const auto unused = [&](const View& v) { return !sensors.count(v.sensor); };
+  const Recording out = with_changed(  // what no step uses is not judged
+      planned, [&](const Sample& s) { return std::any_of(s.views.begin(), s.views.end(), unused); },
+      [&](Sample& s) {
+        s.views.erase(std::remove_if(s.views.begin(), s.views.end(), unused), s.views.end());
+      });
   context.given_poses_freed = frees_given_poses(out, context.all);
   return out;
 }

@@ -154,7 +154,7 @@ bool frees_given_poses(const Recording& recording, const Stage& stage);
 /// Makes the recording that trials are about: all samples are in training, without views that no
 /// step uses; a rig without steps gets the usual ones. It fills in the context's stages. @throws
 /// NameError, std::invalid_argument as Calibration does.
-Recording plan_trials(Rig rig, std::vector<Sample> samples, TrialContext& context);
+Recording plan_trials(const Recording& given, TrialContext& context);
 
 /// Minimises stage after stage; the fit that it returns is that of the last one. @throws
 /// std::invalid_argument where a path cannot be walked; Cancelled.

@@ -28,7 +28,7 @@ TrialFit fit_of(const Recording& recording, const TrialContext& context,
                 const std::vector<int>& samples) {
   std::vector<Sample> part;
   for (const int i : samples) part.push_back(recording.samples[i]);
-  return best_fit(Recording(recording.rig, std::move(part)), context, context.all, {30, 1e-4});
+  return best_fit(recording.with_samples(std::move(part)), context, context.all, {30, 1e-4});
 }
 
 /// `count` of the samples, spread over all, and the others, fitted apart. What changed at some

@@ -63,7 +63,7 @@ constexpr size_t kLaidOutTogether = 64;
 class Estimation final : public Problem {
  public:
   /// `samples` are the indices of those that take part; samples without a view of the setup's
-  /// sensors make no group. The recording must outlive this problem.
+  /// sensors make no group.
   /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a
   /// scanning one.
   Estimation(const Recording& recording, const std::vector<int>& samples, EstimationSetup setup);

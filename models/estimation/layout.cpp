@@ -5,8 +5,9 @@
 
 namespace kincal {
 
-Layout::Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup given)
-    : rig(recording.rig),
+Layout::Layout(const Recording& of, const std::vector<int>& indices, EstimationSetup given)
+    : recording(of),
+      rig(recording.rig),
       table(recording.table),
       recorded(recording.samples),
       setup(std::move(given)) {

@@ -118,10 +118,10 @@ struct Range {
 /// A Layout is that of a whole problem. Its public numbers are read by the other sources of this
 /// folder, which do not change them.
 struct Layout {
-  /// `indices` are those of the samples that take part. The recording must outlive the layout.
+  /// `indices` are those of the samples that take part.
   /// @throws std::invalid_argument where a path needs a floating joint or a joint that follows a
   /// scanning one.
-  Layout(const Recording& recording, const std::vector<int>& indices, EstimationSetup given);
+  Layout(const Recording& of, const std::vector<int>& indices, EstimationSetup given);
   Layout(const Layout&) = delete;
   Layout& operator=(const Layout&) = delete;
 
@@ -142,7 +142,8 @@ struct Layout {
   /// Copies the measured numbers of the samples to where the kernels read them.
   void reload();
 
-  const Rig& rig;
+  const Recording recording;
+  const Rig& rig;  // these three are the recording's
   const ParameterTable& table;
   const std::vector<Sample>& recorded;
   EstimationSetup setup;

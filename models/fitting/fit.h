@@ -40,7 +40,7 @@ struct FitOptions {
       nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
 };
 
-/// A fit holds its problem, which refers to the recording: the recording must outlive it.
+/// A fit holds its problem, which shares the recording.
 struct Fit {
   std::shared_ptr<Estimation> problem;  // of the samples that took part
   VectorXd state;  // of the problem. Call problem->renew(state) before its residuals are asked for

@@ -117,8 +117,7 @@ std::optional<std::vector<IntrinsicsNote>> take_out_far(const Rig& rig, int came
   const Solution plain = plain_fit(options, alone);
   if (plain.status == Status::cancelled) return std::nullopt;
   if (!plain.usable() || !has_far_corners(plain, 0)) return std::vector<IntrinsicsNote>();
-  const std::optional<Cleaned> cleaned =
-      calibrate_without_outliers(make_recording(plain.rig(), plain.samples()), options);
+  const std::optional<Cleaned> cleaned = calibrate_without_outliers(plain.recording, options);
   if (!cleaned) return std::nullopt;
   if (cleaned->rejected.empty() || !cleaned->no_consensus.empty())
     return std::vector<IntrinsicsNote>();

@@ -34,8 +34,8 @@ std::optional<CrossValidation> hold_out(const Solution& solution, const Calibrat
   const auto samples = static_cast<int>(solution.samples().size());
   if (samples < 3) return CrossValidation();
   try {
-    return cross_validate(make_recording(at_solution(solution), solution.samples()), options,
-                          std::clamp(folds, 2, samples));
+    return cross_validate(make_recording(solution.recording->with_rig(at_solution(solution))),
+                          options, std::clamp(folds, 2, samples));
   } catch (const std::invalid_argument&) {  // too few that can be held out
     return CrossValidation();
   }
@@ -175,7 +175,8 @@ Status graver(Status a, Status b) {
 /// by a prior as wide as the focal length: `held` says so. nullopt: cancelled.
 std::optional<NoiseEstimate> estimate_group(Rig rig, const std::vector<Sample>& samples,
                                             const CalibrationOptions& options, bool& held) {
-  std::optional<NoiseEstimate> out = estimate_noise(make_recording(rig, samples), options);
+  const std::shared_ptr<const Recording> plain = make_recording(rig, samples);
+  std::optional<NoiseEstimate> out = estimate_noise(plain, options);
   held = out && !out->solution.usable();
   if (!held) return out;
   for (const Sensor& camera : rig.sensors) {
@@ -183,7 +184,8 @@ std::optional<NoiseEstimate> estimate_group(Rig rig, const std::vector<Sample>& 
     rig.steps[0].priors.push_back(
         {"sensor/" + camera.name + "/intrinsics", wide, wide, false, "intrinsics"});
   }
-  std::optional<NoiseEstimate> again = estimate_noise(make_recording(rig, samples), options);
+  std::optional<NoiseEstimate> again =
+      estimate_noise(make_recording(plain->with_rig(rig)), options);
   if (!again || again->solution.usable()) return again;
   held = false;
   return out;
@@ -270,7 +272,7 @@ std::optional<std::vector<GroupTrial>> changes(const Group& group, const Solutio
       std::vector<const LensModel*> lenses = group.lenses;
       lenses[s] = t.model;
       set_steps(lenses, rig);
-      trial.solution = calibrate(make_recording(std::move(rig), group.samples), options);
+      trial.solution = calibrate(make_recording(now.recording->with_rig(std::move(rig))), options);
       if (trial.solution.status == Status::cancelled) return std::nullopt;
       if (trial.solution.status != Status::converged) continue;
       trial.gain =

@@ -22,7 +22,7 @@ CalibrationOptions options_of_steps(const CalibrationOptions& options) {
 
 /// The rig as it is, with the samples of a solution.
 Solution as_given(const Rig& given, const Solution& solution, const CalibrationOptions& options) {
-  std::shared_ptr<const Recording> recording = make_recording(given, solution.samples());
+  std::shared_ptr<const Recording> recording = make_recording(solution.recording->with_rig(given));
   Step step;
   step.name = "open poses";
   step.sensors = indices(given.sensors.size());

@@ -116,7 +116,7 @@ Bend bend_of(const Solution& solution, int target) {
     samples.push_back(solution.samples()[from]);
   }
   EstimationSetup setup = solution.setup;
-  Recording flat(solution.rig(), std::move(samples));
+  const Recording flat = solution.recording->with_samples(std::move(samples));
   const double share = static_cast<double>(all.size()) / static_cast<double>(flat.samples.size());
   const double before =
       every == 1 ? 2 * solution.cost : solved(flat, flat.training(), setup, values);
@@ -124,7 +124,7 @@ Bend bend_of(const Solution& solution, int target) {
 
   Rig rig = solution.rig();
   rig.targets[target].bulge = warp_shapes(rig.targets[target].layout);
-  const Recording bent(std::move(rig), std::move(flat.samples));
+  const Recording bent = flat.with_rig(std::move(rig));
   const int warp = bent.table.target_warp[target];
   const int start = bent.table.all[warp].start;
   const auto moved = [&](int parameter) { return parameter < warp ? parameter : parameter + 1; };

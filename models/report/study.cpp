@@ -56,8 +56,7 @@ std::shared_ptr<const Recording> with_steps(const std::shared_ptr<const Recordin
 }
 
 /// Mistakes are looked for in the samples as they were used, with the rig as it was given.
-void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const StudyOptions& options,
-                   Report& report) {
+void add_diagnosis(const Recording& recording, const StudyOptions& options, Report& report) {
   DoctorOptions doctor;
   doctor.noise = options.calibration.noise;
   doctor.threads = options.calibration.threads;
@@ -70,7 +69,7 @@ void add_diagnosis(const Rig& rig, const std::vector<Sample>& samples, const Stu
     if (done >= 0) calibration.tell(what, done / std::max(1.0, static_cast<double>(of)));
     return !calibration.progress || calibration.progress(what, 0, kNan, kNan);
   };
-  report.diagnosis = diagnose(rig, samples, doctor);
+  report.diagnosis = diagnose(recording, doctor);
   calibration.tell(what, 1);
   if (!report.diagnosis) throw StudyCancelled();
 }
@@ -162,16 +161,15 @@ bool explains_all(const Diagnosis& diagnosis) {
 /// What the automatic path frees may take a mistake up, or part of another: mistakes are looked for
 /// as `check` does, as if nothing but mounts and offsets were wrong, and where none explains the
 /// data with all that was free.
-void look_with_less_free_first(const Rig& given, const Rig& freed,
-                               const std::vector<Sample>& samples, const StudyOptions& options,
-                               Report& report) {
+void look_with_less_free_first(const Rig& given, const Recording& freed,
+                               const StudyOptions& options, Report& report) {
   const auto proved = [](const Diagnosis& d) {  // by a fit with the mistake and one without
     return !d.findings.empty() && d.findings[0].chi2_as_is && d.findings[0].chi2_corrected;
   };
-  add_diagnosis(given, samples, options, report);
+  add_diagnosis(freed.with_rig(given), options, report);
   if (explains_all(*report.diagnosis)) return;
   Diagnosis less = std::move(*report.diagnosis);
-  add_diagnosis(freed, samples, options, report);
+  add_diagnosis(freed, options, report);
   if (!proved(*report.diagnosis) && (proved(less) || report.diagnosis->findings.empty()) &&
       !less.findings.empty())
     report.diagnosis = std::move(less);
@@ -193,11 +191,11 @@ void drop_what_the_fit_refutes(Report& report) {
 /// about.
 void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
   const Solution& solution = report.solution;
-  add_diagnosis(given, solution.samples(), options, report);
+  add_diagnosis(solution.recording->with_rig(given), options, report);
   drop_what_the_fit_refutes(report);
   const std::set<std::string> mistaken = mistaken_numbers(report);
   if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
-    add_diagnosis(found_but_for(mistaken, solution), solution.samples(), options, report);
+    add_diagnosis(solution.recording->with_rig(found_but_for(mistaken, solution)), options, report);
   drop_what_the_fit_refutes(report);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
@@ -238,7 +236,7 @@ std::shared_ptr<const Recording> with_few_poses(const std::shared_ptr<const Reco
   bool any = false;
   for (JointSettings& joint : rig.joints)
     if (joint.noise_unknown && has_few_poses(*given)) joint.sigma = kFewPosesNoise, any = true;
-  return any ? make_recording(std::move(rig), given->samples) : given;
+  return any ? make_recording(given->with_rig(std::move(rig))) : given;
 }
 
 double first_sigma(const Rig& rig, const NoiseLevel& level) {
@@ -275,15 +273,12 @@ void take(AutomaticCalibration found, Report& report) {
 }
 
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
-bool calibrate_with(const Rig& stated, const std::vector<Sample>& samples,
-                    std::vector<NoiseLevel> levels, const StudyOptions& options, Report& report) {
-  Rig rig = stated;
-  std::vector<Sample> scaled = samples;
+bool calibrate_with(const Recording& stated, std::vector<NoiseLevel> levels,
+                    const StudyOptions& options, Report& report) {
   std::vector<NoiseLevel> used = levels;
   for (NoiseLevel& level : used) level.seen = level.used;
-  scale_noise(rig, scaled, used);
-  AutomaticCalibration found = calibrate_automatically(Recording(std::move(rig), std::move(scaled)),
-                                                       automatic_options(options));
+  AutomaticCalibration found =
+      calibrate_automatically(scale_noise(stated, used), automatic_options(options));
   if (found.solution.status == Status::cancelled) throw StudyCancelled();
   if (!found.solution.usable()) return false;
   take(std::move(found), report);
@@ -300,7 +295,7 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
   if (unknown_only)  // beside the sensors' a guess that is far too small cannot be told
     for (JointSettings& joint : noisy.joints)
       if (joint.noise_unknown) joint.sigma *= std::sqrt(std::max(1.0, rounds.stated));
-  std::shared_ptr<const Recording> recording = make_recording(noisy, first->samples);
+  std::shared_ptr<const Recording> recording = make_recording(first->with_rig(noisy));
   for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
     std::optional<NoiseEstimate> estimate =
         estimate_noise(recording, calibration, unknown_only ? is_unknown : nullptr);
@@ -311,12 +306,12 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
       level.unstated =
           level.joint >= 0 && (is_unknown(noisy, level) || given.joints[level.joint].sigma == 0);
     if (round == 0 && lower_unknown(estimate->levels, noisy)) {
-      recording = make_recording(noisy, first->samples);
+      recording = make_recording(first->with_rig(noisy));
       continue;
     }
     const double moved =
         bound_levels(noisy, recording->rig, estimate->solution.rig(), estimate->levels);
-    if (!calibrate_with(noisy, first->samples, std::move(estimate->levels), options, report))
+    if (!calibrate_with(first->with_rig(noisy), std::move(estimate->levels), options, report))
       return;
     rounds.converged = moved < kLevelsAtRest;
     report.noise_estimated = rounds;
@@ -334,8 +329,7 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
   for (NoiseLevel& level : levels) level.used = level.assumed * factor;
   rounds.count = 1;
   rounds.converged = true;
-  if (calibrate_with(first->rig, first->samples, levels, options, report))
-    report.noise_estimated = rounds;
+  if (calibrate_with(*first, levels, options, report)) report.noise_estimated = rounds;
 }
 
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
@@ -354,8 +348,7 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
       (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
     return;
   if (options.diagnose && !as_stated) {
-    const Recording& recording = *report.solution.recording;
-    add_diagnosis(recording.rig, recording.samples, options, report);
+    add_diagnosis(*report.solution.recording, options, report);
     const Notices& findings = report.diagnosis->findings;
     if (std::any_of(findings.begin(), findings.end(),
                     [](const Notice& f) { return can_spoil_the_fit(f.kind); }))
@@ -392,9 +385,9 @@ AutomaticCalibration calibrate_unbent(const Recording& recording, const StudyOpt
   AutomaticCalibration found = calibrate_automatically(recording, automatic_options(options));
   const double wide = widest_lengths(found);
   if (found.solution.status == Status::cancelled || !(wide > kUnusualWidth)) return found;
-  AutomaticCalibration noisy = calibrate_automatically(
-      Recording(with_noisy_joints(recording, 10 * kStatedExact), recording.samples),
-      automatic_options(options));
+  AutomaticCalibration noisy =
+      calibrate_automatically(recording.with_rig(with_noisy_joints(recording, 10 * kStatedExact)),
+                              automatic_options(options));
   if (noisy.solution.status != Status::cancelled &&
       (!noisy.solution.usable() || !(widest_lengths(noisy) < 0.5 * wide)))
     return found;
@@ -465,17 +458,15 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
   }
   if (!solved) report.solution = calibrate(left, calibration);
   ended(report.solution);
-  return automatic ? make_recording(report.solution.rig(), recording->samples) : recording;
+  return automatic ? make_recording(recording->with_rig(report.solution.rig())) : recording;
 }
 
 /// What cross-validation is made of: the samples as given, with the sigmas of the result.
 std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const Report& report) {
-  std::vector<Sample> samples = given.samples;
   std::vector<NoiseLevel> levels = report.noise_levels;
   for (NoiseLevel& level : levels) level.seen = level.used;
-  Rig ignored = given.rig;
-  if (report.noise_estimated) scale_noise(ignored, samples, levels);
-  return make_recording(report.solution.rig(), std::move(samples));
+  return make_recording((report.noise_estimated ? scale_noise(given, levels) : given)
+                            .with_rig(report.solution.rig()));
 }
 
 /// Held-out errors and cross-validation; on the automatic path of simpler calibrations, too: of the
@@ -576,7 +567,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   try {
     const bool centre = recording->rig.steps.empty() && !recording->rig.nominal.empty();
     const std::shared_ptr<const Recording> given =
-        solve(centre ? make_recording(centred(recording->rig), recording->samples) : recording,
+        solve(centre ? make_recording(recording->with_rig(centred(recording->rig))) : recording,
               options, report);
     const Solution& solution = report.solution;
     const bool undefined = solution.status == Status::undefined_start;
@@ -594,11 +585,11 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
         (options.diagnose ? badly
                           : whole && solution.usable() && data_misfit(report) > kMistaken) &&
         !report.diagnosis) {
-      const std::vector<Sample>& samples = undefined ? given->samples : solution.samples();
+      const Recording used = undefined ? *given : solution.recording->with_rig(given->rig);
       if (recording->rig.steps.empty())
-        look_with_less_free_first(recording->rig, given->rig, samples, options, report);
+        look_with_less_free_first(recording->rig, used, options, report);
       else
-        add_diagnosis(given->rig, samples, options, report);
+        add_diagnosis(used, options, report);
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
       look_for_what_was_taken_up(recording->rig, options, report);
     }

@@ -50,7 +50,7 @@ bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
   for (size_t j = 0; j < rig.joints.size(); ++j)
     rig.joints[j].sigma = solution.rig().joints[j].sigma;
   const AutomaticCalibration found =
-      calibrate_automatically(Recording(std::move(rig), solution.samples()), options);
+      calibrate_automatically(solution.recording->with_rig(std::move(rig)), options);
   if (found.solution.status == Status::cancelled) return false;
   const double first = solution.chi2_per_dof(), second = found.solution.chi2_per_dof();
   const AutomaticNumber* length =

@@ -13,14 +13,44 @@
 
 namespace kincal {
 
-/// A Recording holds a rig, its table of parameters and the samples. To change one of them, make
-/// another recording.
-struct Recording {
-  Rig rig;
-  ParameterTable table;
-  std::vector<Sample> samples;
+/// A Recording has a rig, its table of parameters and the samples. It does not change: what needs
+/// another rig or other samples makes another recording, which shares the rest, as copies share
+/// all.
+class Recording {
+  std::shared_ptr<const Rig> rig_;  // (before the references, which it makes)
+  std::shared_ptr<const ParameterTable> table_;
+  std::shared_ptr<const std::vector<Sample>> samples_;
 
-  Recording(Rig r, std::vector<Sample> s) : rig(std::move(r)), table(rig), samples(std::move(s)) {}
+ public:
+  const Rig& rig;
+  const ParameterTable& table;
+  const std::vector<Sample>& samples;
+
+  Recording(Rig r, std::vector<Sample> s)
+      : Recording(std::make_shared<const Rig>(std::move(r)), nullptr,
+                  std::make_shared<const std::vector<Sample>>(std::move(s))) {}
+  /// Shares what is given; null: the table of the rig is made.
+  Recording(std::shared_ptr<const Rig> r, std::shared_ptr<const ParameterTable> t,
+            std::shared_ptr<const std::vector<Sample>> s)
+      : rig_(std::move(r)),
+        table_(t ? std::move(t) : std::make_shared<const ParameterTable>(*rig_)),
+        samples_(std::move(s)),
+        rig(*rig_),
+        table(*table_),
+        samples(*samples_) {}
+  Recording(const Recording&) = default;  // no move: it would leave references to nothing behind
+
+  /// Returns the recording of another rig; it copies no sample.
+  Recording with_rig(Rig other) const {
+    return {std::make_shared<const Rig>(std::move(other)), nullptr, samples_};
+  }
+  /// Returns the recording of other samples; it copies nothing of the rig.
+  Recording with_samples(std::shared_ptr<const std::vector<Sample>> others) const {
+    return {rig_, table_, std::move(others)};
+  }
+  Recording with_samples(std::vector<Sample> others) const {
+    return with_samples(std::make_shared<const std::vector<Sample>>(std::move(others)));
+  }
 
   /// Returns the indices of the samples that are in training (true), or held out.
   std::vector<int> split(bool train) const {
@@ -40,13 +70,16 @@ inline double joint_sigma(const Rig& rig, const Sample& sample, int joint) {
 inline std::shared_ptr<const Recording> make_recording(Rig rig, std::vector<Sample> samples) {
   return std::make_shared<const Recording>(std::move(rig), std::move(samples));
 }
+inline std::shared_ptr<const Recording> make_recording(const Recording& recording) {
+  return std::make_shared<const Recording>(recording);
+}
 
 /// Returns the same recording with other steps.
 inline std::shared_ptr<const Recording> with_steps(const Recording& recording,
                                                    std::vector<Step> steps) {
   Rig rig = recording.rig;
   rig.steps = std::move(steps);
-  return make_recording(std::move(rig), recording.samples);
+  return make_recording(recording.with_rig(std::move(rig)));
 }
 
 /// Returns how many different readings the training samples have.

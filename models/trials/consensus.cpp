@@ -120,7 +120,7 @@ void take_part(ReferenceFit& reference, const GroupShape& shape, const MatrixXd&
 SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& values, bool robust,
                      bool taking_part) {
   SampleFit out;
-  reference.one.samples = {sample};
+  const Recording one = reference.given.with_samples({sample});
   EstimationSetup setup = setup_of(reference);
   if (robust) setup.loss = {LossKind::cauchy, 3, true};
   FitOptions options;
@@ -128,7 +128,7 @@ SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& valu
   options.leave_out_undefined = true;
   options.noise_ratios = &reference.noise_ratios;
   values.shared = reference.shared;
-  Fit fitted = fit(reference.one, {0}, setup, values, options);
+  Fit fitted = fit(one, {0}, setup, values, options);
   if (!fitted.defined()) return out;
   out.defined = true;
   Estimation& problem = *fitted.problem;
@@ -143,21 +143,20 @@ SampleFit fit_sample(ReferenceFit& reference, const Sample& sample, Values& valu
   for (const ViewResiduals& r : residuals) {
     out.residuals.segment(total, r.whitened.size()) = r.whitened;
     total += r.whitened.size();
-    const int count = blocks_of(reference.one.rig, *r.view);
+    const int count = blocks_of(reference.given.rig, *r.view);
     for (int b = 0; b < count; ++b) {
-      out.blocks.push_back({&sample.views[r.view - reference.one.samples[0].views.data()], b});
+      out.blocks.push_back({&sample.views[r.view - one.samples[0].views.data()], b});
       out.rows.push_back(static_cast<int>(r.whitened.size()) / count);
     }
   }
   for (const auto& e : values.errors)
     out.joints.push_back(
-        {e.first.second,
-         e.second / joint_sigma(reference.one.rig, reference.one.samples[0], e.first.second)});
+        {e.first.second, e.second / joint_sigma(one.rig, one.samples[0], e.first.second)});
   if (!taking_part || reference.root.size() == 0) return out;
 
   setup.free = reference.free;
   setup.loss = Loss();
-  Estimation together(reference.one, {0}, setup);
+  Estimation together(one, {0}, setup);
   MatrixXd rows;
   const VectorXd at = together.pack(values);
   together.renew(at);
@@ -172,7 +171,7 @@ bool outlying(ReferenceFit& reference, const Sample& sample, const SampleFit& fi
   bool any = false;
   flags.assign(sample.views.size(), {});
   for (size_t v = 0; v < sample.views.size(); ++v)
-    flags[v].assign(blocks_of(reference.one.rig, sample.views[v]), 0);
+    flags[v].assign(blocks_of(reference.given.rig, sample.views[v]), 0);
   Eigen::Index at = 0;
   for (size_t b = 0; b < fit.blocks.size(); ++b) {
     const View* view = fit.blocks[b].first;
@@ -234,7 +233,7 @@ std::string misfit_text(ReferenceFit& reference, const SampleFit& fit) {
   const auto* joint = wrong_joint(fit);
   if (joint && std::abs(joint->second) > largest)
     return text("it would take an error of %.3g sigmas in joint '", joint->second) +
-           reference.one.rig.tree.joints[joint->first].name + "'";
+           reference.given.rig.tree.joints[joint->first].name + "'";
   return text("residuals %.3g times the usual", largest);
 }
 
@@ -266,9 +265,9 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
   };
   for (int round = 0; round < 3; ++round) {  // what is left must fit by plain least squares
     if (std::any_of(out.begin(), out.end(), too_many)) return Fits::no;
-    SampleVerdict points = nothing_rejected(reference.one.rig, sample);
+    SampleVerdict points = nothing_rejected(reference.given.rig, sample);
     points.point = out;
-    const Sample rest = without_rejected(reference.one.rig, sample, points);
+    const Sample rest = without_rejected(reference.given.rig, sample, points);
     Values values_without_points = values;
     const SampleFit check = fit_sample(reference, rest, values_without_points, false, taking_part);
     std::vector<std::vector<char>> more;
@@ -288,7 +287,7 @@ Fits fits(ReferenceFit& reference, const Sample& sample, const Values& start, bo
 
 SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
                            const SampleVerdict& before, const Values& start) {
-  SampleVerdict verdict = nothing_rejected(reference.one.rig, sample);
+  SampleVerdict verdict = nothing_rejected(reference.given.rig, sample);
   const bool took_part = before.took_part();
   std::vector<std::vector<char>> points;
   SampleFit plain;
@@ -308,7 +307,7 @@ SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
       if (!out[v]) rest.views.push_back(sample.views[v]);
     std::vector<std::vector<char>> found;
     SampleFit ignored;
-    if (!is_redundant(reference.one.rig, rest.views) ||
+    if (!is_redundant(reference.given.rig, rest.views) ||
         fits(reference, rest, Values(), !took_part, found, ignored) == Fits::no)
       return false;
     verdict.view = out;
@@ -317,7 +316,7 @@ SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
     return true;
   };
   const auto is_chain = [&](size_t v) {
-    return reference.one.rig.sensors[sample.views[v].sensor].model->measurement_kind() ==
+    return reference.given.rig.sensors[sample.views[v].sensor].model->measurement_kind() ==
            MeasurementKind::chain;
   };
   int explanations = 0, chains = 0;

@@ -48,7 +48,7 @@ struct SampleVerdict {
 
 /// A ReferenceFit is the fit of all samples that one sample is compared with.
 struct ReferenceFit {
-  Recording one;             // the rig, and the one sample that is being judged
+  Recording given;           // of which only the rig counts
   std::vector<int> sensors;  // of the last step
   VectorXd shared;
   std::vector<double> noise_ratios;

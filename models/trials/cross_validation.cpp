@@ -43,7 +43,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
     };
     try {
       const std::shared_ptr<const Recording> without =
-          make_recording(recording->rig, std::move(samples));
+          make_recording(recording->with_samples(std::move(samples)));
       check_steps(*without);
       std::optional<Cleaned> clean;
       if (reject)

@@ -18,12 +18,10 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     throw std::invalid_argument(
         "the noise can be estimated in the noise modes latent and none only: the others mix that "
         "of sensors and joints");
-  Rig rig = given->rig;
-  std::vector<Sample> samples = given->samples;
+  std::shared_ptr<const Recording> recording = given;
   CalibrationOptions quick = options;
   StepVariations from_last;
   for (int round = 1;; ++round) {
-    const std::shared_ptr<const Recording> recording = make_recording(rig, samples);
     if (options.progress)
       quick.progress = [&](const std::string& step, int iteration, double chi2, double damping) {
         return options.progress("noise, round " + std::to_string(round) + ": " + step, iteration,
@@ -39,7 +37,7 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     double moved = 0;
     std::vector<NoiseLevel> steps = out.levels;
     for (NoiseLevel& level : steps) {
-      if (which && !which(rig, level)) level.seen = kNan;
+      if (which && !which(recording->rig, level)) level.seen = kNan;
       if (!std::isfinite(level.seen)) continue;
       const double change = std::log(level.seen / level.assumed);
       moved = std::max(moved, std::abs(change));
@@ -48,7 +46,7 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     }
     out.converged = moved < kAtRest;
     if (!out.converged && round < kRounds && out.solution.status != Status::not_converged) {
-      scale_noise(rig, samples, steps);
+      recording = make_recording(scale_noise(*recording, steps));
       from_last.start = out.solution.values.shared;
       continue;
     }
@@ -60,6 +58,7 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     }
     for (NoiseLevel& level : out.levels) {
       // A part's sigmas all had the same factors.
+      const Rig& rig = recording->rig;
       const double now = level.joint >= 0 ? rig.joints[level.joint].sigma
                                           : rig.sensors[level.sensor].sigma[level.first];
       const double first = level.joint >= 0 ? given->rig.joints[level.joint].sigma

@@ -471,15 +471,15 @@ void set_errors(const Recording& recording, const LocalPosture& posture,
 
 /// The rig without steps, and with the poses that it leaves open estimated from all training
 /// samples, everything else held. `names` gets those.
-Rig with_open_poses(Rig rig, const std::vector<Sample>& samples, NoiseMode noise,
-                    std::vector<std::string>& names) {
+Rig with_open_poses(const Recording& given, NoiseMode noise, std::vector<std::string>& names) {
+  Rig rig = given.rig;
   clear_steps(rig);
   const ParameterTable table(rig);
   Step step;
   step.name = "open poses";
   step.sensors = indices(rig.sensors.size());
   for (int p : open_poses(rig, table))
-    for (const Sample& s : samples)
+    for (const Sample& s : given.samples)
       if (s.train && std::any_of(s.views.begin(), s.views.end(), [&](const View& v) {
             return table.sensor_pose[v.sensor] == p || table.target_pose[v.target] == p;
           })) {
@@ -491,7 +491,8 @@ Rig with_open_poses(Rig rig, const std::vector<Sample>& samples, NoiseMode noise
   with_step.steps = {step};
   CalibrationOptions options;
   options.noise = noise;
-  const Solution solution = calibrate(make_recording(std::move(with_step), samples), options);
+  const Solution solution =
+      calibrate(make_recording(given.with_rig(std::move(with_step))), options);
   if (!solution.usable())
     throw std::runtime_error("poses that the rig does not give cannot be estimated: " +
                              solution.message);
@@ -527,7 +528,8 @@ LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& 
       throw std::invalid_argument("no sample has a reading of joint '" +
                                   given.tree.joints[joint].name + "'");
   LocalCalibration out;
-  const Recording recording(with_open_poses(given, samples, options.noise, out.open), samples);
+  const Recording as_given(given, samples);
+  const Recording recording = as_given.with_rig(with_open_poses(as_given, options.noise, out.open));
   std::vector<int> joints;
   for (const auto& at : posture) joints.push_back(at.first);
 

@@ -96,7 +96,7 @@ Solution fit_everything(const std::shared_ptr<const Recording>& recording,
     if (!raise_joint_noise(stated, fit, judged)) return fit;
     const bool wrong = beyond_noise(stated, judged);
     if (wrong) judged = stated;
-    fit = calibrate(make_recording(judged, recording->samples), options, robust);
+    fit = calibrate(make_recording(recording->with_rig(judged)), options, robust);
     if (wrong) return fit;
   }
   return fit;
@@ -149,7 +149,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   Solution fit = fit_everything(recording, quick, judged);
   if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
     return ended(std::move(fit));
-  ReferenceFit reference{Recording(judged, {}),
+  ReferenceFit reference{recording->with_rig(judged),
                          fit.setup.sensors,
                          fit.values.shared,
                          fit.setup.noise_ratios,
@@ -181,7 +181,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
       return without_consensus(recording, options, out, training.size());
     if (round > 0 && verdicts == before) break;
     const std::shared_ptr<const Recording> left =
-        make_recording(judged, all_without_rejected(*recording, verdicts));
+        make_recording(reference.given.with_samples(all_without_rejected(*recording, verdicts)));
     check_steps(*left);
     fit = calibrate(left, quick);
     if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
@@ -194,7 +194,7 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
                      root_of_covariance(fit.covariance);
   }
   const std::shared_ptr<const Recording> left =
-      make_recording(rig, all_without_rejected(*recording, verdicts));
+      make_recording(recording->with_samples(all_without_rejected(*recording, verdicts)));
   check_steps(*left);
   std::optional<Cleaned> clean = ended(calibrate(left, options));
   if (clean) {

@@ -21,6 +21,7 @@
 #include "../../../models/rig/parameters.h"
 #include "../../../solver/levenberg_marquardt.h"
 #include "../../fixtures/forward_model.h"
+#include "../../fixtures/open_recording.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -45,11 +46,11 @@ const std::vector<LossKind> kLosses = {LossKind::none, LossKind::huber, LossKind
 
 /// The rig as somebody has it, samples of a robot that is a little different, and values that are
 /// different again.
-struct Scene : Recording {
+struct Scene : OpenRecording {
   Values values;
 
   Scene(int count, unsigned long seed, const Rig& truth = nasty_robot())
-      : Recording(make_rig(seed, truth), {}) {
+      : OpenRecording(make_rig(seed, truth)) {
     Random random(seed);
     std::vector<TruePosture> postures;
     samples = nasty_samples(truth, count, seed + 1, &postures);
@@ -706,7 +707,7 @@ TEST_CASE("estimation: views of one target, samples left out, readings that nobo
   CHECK(samples == groups);
 
   // A laser needs no reading of its own scanning joint, nobody one of joints that are not on a way.
-  Recording fewer = s;
+  OpenRecording fewer = s;
   for (Sample& sample : fewer.samples)
     for (const char* joint : {"scan", "idle", "pan", "tilt"})
       sample.readings[joint_index(s.rig, joint)] = std::nan("");

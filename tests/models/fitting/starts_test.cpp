@@ -1063,7 +1063,7 @@ TEST_CASE(
   Rig rig;
   add_link(rig, "base");
   finish_tree(rig.tree);
-  Recording recording(rig, {});
+  std::vector<Sample> samples;
   for (int i = 0; i < 4000; ++i) {
     Sample sample;
     View view;
@@ -1078,8 +1078,9 @@ TEST_CASE(
       view.target = 1;
       sample.views.push_back(view);
     }
-    recording.samples.push_back(sample);
+    samples.push_back(sample);
   }
+  const Recording recording(rig, samples);
   const std::vector<int> all = indices(recording.samples.size()),
                          few(all.begin(), all.begin() + 150);
   CHECK(samples_to_start(recording, few) == few);

@@ -21,6 +21,7 @@
 #include "../../../models/rig/scales.h"
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/forward_model.h"
+#include "../../fixtures/open_recording.h"
 #include "../../fixtures/quadratic_joint.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
@@ -38,11 +39,11 @@ const std::map<std::string, double> kBends = {
     {"elbow", 0.05}, {"slide", -0.08}, {"scan", 0.06}, {"turn", -0.03}};
 
 /// The nasty robot with bends; its rig starts at half of them, the values have them.
-struct Bent : Recording {
+struct Bent : OpenRecording {
   std::vector<TruePosture> postures;
   Values values;
 
-  explicit Bent(int count) : Recording(make_rig(), {}) {
+  explicit Bent(int count) : OpenRecording(make_rig()) {
     samples = nasty_samples(rig, count, 41, &postures);
     values.shared = table.initial;
     for (const auto& [joint, bend] : kBends) values.shared(start(joint)) = bend;

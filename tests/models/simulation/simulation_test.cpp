@@ -32,9 +32,11 @@
 #include "../../../models/rig/targets.h"
 #include "../../../models/sensors/sensors.h"
 #include "../../../models/sensors/tilting_laser.h"
+#include "../../fixtures/open_recording.h"
 
 using namespace kincal;
 using Catch::Matchers::Contains;
+using fixture::OpenRecording;
 namespace fs = std::filesystem;
 
 namespace {
@@ -173,8 +175,8 @@ SimulationOptions options_of(std::uint64_t seed, int samples) {
 
 /// Residuals at the truth and the targets' true poses, of `recording`, whose samples become the
 /// simulation's; `readings`: with the true readings in place of the logged ones.
-std::vector<ViewResiduals> residuals_at_truth(Recording& recording, const Simulation& simulation,
-                                              bool readings) {
+std::vector<ViewResiduals> residuals_at_truth(OpenRecording& recording,
+                                              const Simulation& simulation, bool readings) {
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = indices(recording.rig.sensors.size());
@@ -229,7 +231,7 @@ void check_standard(const std::string& what, double squares, double sum, double 
 }  // namespace
 
 TEST_CASE("without noise every residual at the truth is 0", "[simulation]") {
-  Recording recording(without_noise(make_rig()), {});
+  OpenRecording recording(without_noise(make_rig()));
   const Rig& rig = recording.rig;
   const VectorXd truth = draw_truth(recording.table, kSpread, 5);
   SimulationOptions options = options_of(3, 80);
@@ -263,7 +265,7 @@ TEST_CASE("without noise every residual at the truth is 0", "[simulation]") {
 }
 
 TEST_CASE("noise is what the rig says", "[simulation]") {
-  Recording recording(make_rig(), {});
+  OpenRecording recording(make_rig());
   const Rig& rig = recording.rig;
   const Simulation simulation =
       simulate(rig, recording.table, draw_truth(recording.table, kSpread, 5), options_of(11, 400));
@@ -309,7 +311,7 @@ TEST_CASE("errors of poses have exactly the formats' side and components, howeve
   rig.targets = {rig.targets[0]};
   rig.sensors[0].sigma = {0.001, 0.3, 0.02, 0.7, 0.01, 0.1};
   rig.sensors[1].sigma = {0.02, 0.001, 0.3, 0.1, 0.01, 0.7};
-  Recording recording(rig, {});
+  OpenRecording recording(rig);
   const ParameterTable& table = recording.table;
   const Simulation simulation =
       simulate(rig, table, draw_truth(table, {{"joint/*", 0.01}, {"sensor/*", 0.01}}, 5),
@@ -325,7 +327,7 @@ TEST_CASE("errors of poses have exactly the formats' side and components, howeve
 TEST_CASE("all views of a sample share the error of a reading", "[simulation]") {
   Rig rig = without_noise(make_rig());
   for (JointSettings& joint : rig.joints) joint.sigma = 0.01;
-  Recording recording(rig, {});
+  OpenRecording recording(rig);
   const Simulation simulation =
       simulate(rig, recording.table, recording.table.initial, options_of(2, 20));
   double off = 0;
