@@ -7,122 +7,125 @@
 namespace kincal {
 namespace {
 
-using K = NoticeKind;
+using NK = NoticeKind;
 
 /// What a kind can be: looked for by the doctor; a cause of a bad fit; a number nobody can mean;
 /// said better by the weak directions.
 enum Trait : unsigned { kTested = 1, kSpoils = 2, kNumber = 4, kDirections = 8 };
 
 struct Row {
-  K kind;
+  NK kind;
   const char* id;
   Severity severity;
   unsigned traits = 0;
-  std::vector<K> effects = {};  // about the same thing, which this explains
+  std::vector<NK> effects = {};  // about the same thing, which this explains
 };
 
-constexpr Severity kRemark = Severity::remark, kDoubt = Severity::doubt, kFault = Severity::fault;
 constexpr unsigned kMistake = kTested | kSpoils;
 
 /// The one table of kinds, in the order of NoticeKind.
 const std::vector<Row>& rows() {
-  static const std::vector<K> kOfImages = {K::points_outside, K::baseline};
+  static const std::vector<NK> kOfImages = {NK::points_outside, NK::baseline};
   static const std::vector<Row> out = {
-      {K::square, "square", kDoubt, kMistake | kNumber},
-      {K::rows_columns, "rows-columns", kDoubt, kMistake, {K::numbering}},
-      {K::numbering, "numbering", kDoubt, kMistake},
-      {K::mirrored, "mirrored", kDoubt, kMistake, {K::baseline}},
-      {K::joint_sign, "joint-sign", kDoubt, kMistake},
-      {K::degrees, "degrees", kDoubt, kMistake | kNumber},
-      {K::still_joint, "still-joint", kDoubt, kMistake},
-      {K::inverted_pose, "inverted-pose", kDoubt, kMistake},
-      {K::eye_in_hand, "eye-in-hand", kDoubt, kMistake},
-      {K::swapped_cameras, "swapped-cameras", kDoubt, kMistake, kOfImages},
-      {K::rectified, "rectified", kDoubt, kMistake},
-      {K::same_samples, "duplicates", kDoubt, kTested},
-      {K::disconnected, "disconnected", kDoubt, kMistake},
-      {K::bad_samples, "bad-samples", kDoubt, kMistake},
-      {K::exchanged_axes, "exchanged-axes", kDoubt, kMistake, kOfImages},
-      {K::resolution, "resolution", kDoubt, kMistake, kOfImages},
-      {K::intrinsics, "intrinsics", kDoubt, kMistake | kNumber, kOfImages},
-      {K::normalised, "normalised", kDoubt, kMistake, kOfImages},
-      {K::board_columns, "board-columns", kDoubt, kMistake, {K::numbering}},
-      {K::turned_pose, "turned-pose", kDoubt, kMistake},
-      {K::outlier_points, "outlier-points", kDoubt, kMistake},
-      {K::units, "units", kDoubt, kMistake | kNumber},
-      {K::points_outside, "outside-image", kDoubt, kTested},
-      {K::shifted, "shifted", kDoubt, kMistake},
-      {K::lag, "lag", kDoubt, kMistake},
-      {K::wrong_link, "wrong-link", kDoubt, kMistake},
-      {K::wrong_sigma, "sigma", kDoubt, kTested},
-      {K::home_position, "home-position", kDoubt, kMistake},
-      {K::exchanged_joints, "exchanged-joints", kDoubt, kMistake},
-      {K::exchanged_targets, "exchanged-targets", kDoubt, kMistake},
-      {K::absolute_angle, "absolute-angle", kDoubt, kMistake},
-      {K::joint_axis, "joint-axis", kDoubt, kMistake},
-      {K::gear, "gear", kDoubt, kMistake},
-      {K::quaternion, "quaternion", kDoubt, kMistake},
-      {K::baseline, "baseline", kDoubt, kMistake | kNumber},
-      {K::convention, "convention", kDoubt, kMistake},
-      {K::moved_target, "moved-target", kDoubt, kMistake},
-      {K::turned_picture, "turned-picture", kDoubt, kMistake},
-      {K::changed, "changed", kDoubt, kMistake},
-      {K::bent, "bent", kDoubt, kSpoils},
-      {K::link_length, "link-length", kDoubt, kSpoils, {K::square, K::baseline, K::intrinsics}},
-      {K::not_converged, "not_converged", kFault},
-      {K::unobservable, "unobservable", kFault, kDirections},
-      {K::few_turns, "few_turns", kRemark},
-      {K::unexplained, "unexplained", kFault},
-      {K::implausible, "implausible", kDoubt, kSpoils},
-      {K::width, "width", kDoubt, 0, {K::sigma}},
-      {K::contradicted, "contradicted", kDoubt},
-      {K::repeated, "repeated", kRemark},
-      {K::identity, "identity", kRemark, kSpoils},
-      {K::scale, "scale", kDoubt},
-      {K::jump, "jump", kDoubt},
-      {K::duplicates, "duplicates", kRemark},
-      {K::systematic, "systematic", kDoubt},
-      {K::noise, "noise", kRemark},
-      {K::outlier_sample, "outlier_sample", kDoubt, kSpoils},
-      {K::outlier_view, "outlier_view", kDoubt, kSpoils},
-      {K::outlier_point, "outlier_point", kDoubt, kSpoils},
-      {K::chi2, "chi2", kDoubt},
-      {K::in_use, "in_use", kDoubt},
-      {K::joint_error, "joint_error", kDoubt},
-      {K::joint_noise, "joint_noise", kDoubt},
-      {K::arm_scale, "arm_scale", kDoubt},
-      {K::prior, "prior", kDoubt},
-      {K::sigma, "sigma", kDoubt, kDirections},
-      {K::rescaled, "rescaled", kRemark},
-      {K::gears, "gears", kDoubt},
-      {K::outside_image, "outside_image", kRemark, kSpoils},
-      {K::few_data, "few_data", kRemark},
-      {K::undefined, "undefined", kRemark},
-      {K::no_consensus, "no_consensus", kRemark, kSpoils},
-      {K::quiet_joints, "quiet_joints", kRemark},
-      {K::held_out, "held_out", kRemark},
-      {K::rejected, "rejected", kRemark},
-      {K::minima, "minima", kRemark},
-      {K::given_pose, "given_pose", kRemark},
-      {K::unchecked, "unchecked", kRemark},
-      {K::no_start, "no_start", kRemark, kSpoils},
-      {K::ambiguous_start, "ambiguous_start", kRemark, kSpoils},
-      {K::moved, "moved", kRemark},
-      {K::unfinished, "unfinished", kRemark},
-      {K::joint_model, "joint_model", kRemark},
-      {K::no_effect, "no_effect", kRemark},
-      {K::few_poses, "few_poses", kRemark},
-      {K::never_seen, "never_seen", kRemark},
-      {K::last_zero, "last_zero", kRemark},
-      {K::base_frame, "base_frame", kRemark},
-      {K::open_pose, "open_pose", kRemark},
-      {K::unused_prior, "unused_prior", kRemark},
-      {K::undefined_before, "undefined_before", kRemark},
+      {NK::square, "square", Severity::doubt, kMistake | kNumber},
+      {NK::rows_columns, "rows-columns", Severity::doubt, kMistake, {NK::numbering}},
+      {NK::numbering, "numbering", Severity::doubt, kMistake},
+      {NK::mirrored, "mirrored", Severity::doubt, kMistake, {NK::baseline}},
+      {NK::joint_sign, "joint-sign", Severity::doubt, kMistake},
+      {NK::degrees, "degrees", Severity::doubt, kMistake | kNumber},
+      {NK::still_joint, "still-joint", Severity::doubt, kMistake},
+      {NK::inverted_pose, "inverted-pose", Severity::doubt, kMistake},
+      {NK::eye_in_hand, "eye-in-hand", Severity::doubt, kMistake},
+      {NK::swapped_cameras, "swapped-cameras", Severity::doubt, kMistake, kOfImages},
+      {NK::rectified, "rectified", Severity::doubt, kMistake},
+      {NK::same_samples, "duplicates", Severity::doubt, kTested},
+      {NK::disconnected, "disconnected", Severity::doubt, kMistake},
+      {NK::bad_samples, "bad-samples", Severity::doubt, kMistake},
+      {NK::exchanged_axes, "exchanged-axes", Severity::doubt, kMistake, kOfImages},
+      {NK::resolution, "resolution", Severity::doubt, kMistake, kOfImages},
+      {NK::intrinsics, "intrinsics", Severity::doubt, kMistake | kNumber, kOfImages},
+      {NK::normalised, "normalised", Severity::doubt, kMistake, kOfImages},
+      {NK::board_columns, "board-columns", Severity::doubt, kMistake, {NK::numbering}},
+      {NK::turned_pose, "turned-pose", Severity::doubt, kMistake},
+      {NK::outlier_points, "outlier-points", Severity::doubt, kMistake},
+      {NK::units, "units", Severity::doubt, kMistake | kNumber},
+      {NK::points_outside, "outside-image", Severity::doubt, kTested},
+      {NK::shifted, "shifted", Severity::doubt, kMistake},
+      {NK::lag, "lag", Severity::doubt, kMistake},
+      {NK::wrong_link, "wrong-link", Severity::doubt, kMistake},
+      {NK::wrong_sigma, "sigma", Severity::doubt, kTested},
+      {NK::home_position, "home-position", Severity::doubt, kMistake},
+      {NK::exchanged_joints, "exchanged-joints", Severity::doubt, kMistake},
+      {NK::exchanged_targets, "exchanged-targets", Severity::doubt, kMistake},
+      {NK::absolute_angle, "absolute-angle", Severity::doubt, kMistake},
+      {NK::joint_axis, "joint-axis", Severity::doubt, kMistake},
+      {NK::gear, "gear", Severity::doubt, kMistake},
+      {NK::quaternion, "quaternion", Severity::doubt, kMistake},
+      {NK::baseline, "baseline", Severity::doubt, kMistake | kNumber},
+      {NK::convention, "convention", Severity::doubt, kMistake},
+      {NK::moved_target, "moved-target", Severity::doubt, kMistake},
+      {NK::turned_picture, "turned-picture", Severity::doubt, kMistake},
+      {NK::changed, "changed", Severity::doubt, kMistake},
+      {NK::bent, "bent", Severity::doubt, kSpoils},
+      {NK::link_length,
+       "link-length",
+       Severity::doubt,
+       kSpoils,
+       {NK::square, NK::baseline, NK::intrinsics}},
+      {NK::not_converged, "not_converged", Severity::fault},
+      {NK::unobservable, "unobservable", Severity::fault, kDirections},
+      {NK::few_turns, "few_turns", Severity::remark},
+      {NK::unexplained, "unexplained", Severity::fault},
+      {NK::implausible, "implausible", Severity::doubt, kSpoils},
+      {NK::width, "width", Severity::doubt, 0, {NK::sigma}},
+      {NK::contradicted, "contradicted", Severity::doubt},
+      {NK::repeated, "repeated", Severity::remark},
+      {NK::identity, "identity", Severity::remark, kSpoils},
+      {NK::scale, "scale", Severity::doubt},
+      {NK::jump, "jump", Severity::doubt},
+      {NK::duplicates, "duplicates", Severity::remark},
+      {NK::systematic, "systematic", Severity::doubt},
+      {NK::noise, "noise", Severity::remark},
+      {NK::outlier_sample, "outlier_sample", Severity::doubt, kSpoils},
+      {NK::outlier_view, "outlier_view", Severity::doubt, kSpoils},
+      {NK::outlier_point, "outlier_point", Severity::doubt, kSpoils},
+      {NK::chi2, "chi2", Severity::doubt},
+      {NK::in_use, "in_use", Severity::doubt},
+      {NK::joint_error, "joint_error", Severity::doubt},
+      {NK::joint_noise, "joint_noise", Severity::doubt},
+      {NK::arm_scale, "arm_scale", Severity::doubt},
+      {NK::prior, "prior", Severity::doubt},
+      {NK::sigma, "sigma", Severity::doubt, kDirections},
+      {NK::rescaled, "rescaled", Severity::remark},
+      {NK::gears, "gears", Severity::doubt},
+      {NK::outside_image, "outside_image", Severity::remark, kSpoils},
+      {NK::few_data, "few_data", Severity::remark},
+      {NK::undefined, "undefined", Severity::remark},
+      {NK::no_consensus, "no_consensus", Severity::remark, kSpoils},
+      {NK::quiet_joints, "quiet_joints", Severity::remark},
+      {NK::held_out, "held_out", Severity::remark},
+      {NK::rejected, "rejected", Severity::remark},
+      {NK::minima, "minima", Severity::remark},
+      {NK::given_pose, "given_pose", Severity::remark},
+      {NK::unchecked, "unchecked", Severity::remark},
+      {NK::no_start, "no_start", Severity::remark, kSpoils},
+      {NK::ambiguous_start, "ambiguous_start", Severity::remark, kSpoils},
+      {NK::moved, "moved", Severity::remark},
+      {NK::unfinished, "unfinished", Severity::remark},
+      {NK::joint_model, "joint_model", Severity::remark},
+      {NK::no_effect, "no_effect", Severity::remark},
+      {NK::few_poses, "few_poses", Severity::remark},
+      {NK::never_seen, "never_seen", Severity::remark},
+      {NK::last_zero, "last_zero", Severity::remark},
+      {NK::base_frame, "base_frame", Severity::remark},
+      {NK::open_pose, "open_pose", Severity::remark},
+      {NK::unused_prior, "unused_prior", Severity::remark},
+      {NK::undefined_before, "undefined_before", Severity::remark},
   };
   return out;
 }
 
-const Row& row(K kind) { return rows()[static_cast<size_t>(kind)]; }
+const Row& row(NK kind) { return rows()[static_cast<size_t>(kind)]; }
 
 }  // namespace
 
@@ -148,7 +151,7 @@ NoticeKind kind_of_row(int row) { return rows()[static_cast<size_t>(row)].kind; 
 
 const char* id(NoticeKind kind) { return row(kind).id; }
 
-bool is_mistake(NoticeKind kind) { return kind <= K::link_length; }
+bool is_mistake(NoticeKind kind) { return kind <= NK::link_length; }
 
 std::vector<std::string> tested_mistakes() {
   std::vector<std::string> out;
@@ -164,8 +167,8 @@ bool can_be_wrong_number(NoticeKind kind) { return row(kind).traits & kNumber; }
 bool is_of_directions(NoticeKind kind) { return row(kind).traits & kDirections; }
 
 bool explains(NoticeKind cause, NoticeKind effect) {
-  if (is_mistake(cause) && can_spoil_the_fit(cause) && effect == K::sigma) return true;
-  const std::vector<K>& effects = row(cause).effects;
+  if (is_mistake(cause) && can_spoil_the_fit(cause) && effect == NK::sigma) return true;
+  const std::vector<NK>& effects = row(cause).effects;
   return std::count(effects.begin(), effects.end(), effect) > 0;
 }
 

@@ -11,8 +11,8 @@
 
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/samples_file.h"
-#include "../../models/rig/targets.h"
 #include "../../models/intrinsics/intrinsics.h"
+#include "../../models/rig/targets.h"
 #include "../fixtures/random.h"
 #include "../fixtures/rigs.h"
 #include "catch2/catch.hpp"

@@ -207,7 +207,7 @@ def check_options(source, binary):
 def check_warnings(source):
     """The warnings' ids in docs/formats.md are those of the table in models/notices."""
     with open(os.path.join(source, "models", "notices", "notice.cpp"), encoding="utf-8") as file:
-        table = re.findall(r'\{K::\w+,\s*"([a-z_0-9-]+)"', file.read())
+        table = re.findall(r'\{NK::\w+,\s*"([a-z_0-9-]+)"', file.read())
     ids = set(table[table.index("not_converged"):])
     path = os.path.join(source, "docs", "formats.md")
     with open(path, encoding="utf-8") as file:
