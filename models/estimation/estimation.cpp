@@ -16,7 +16,7 @@ struct Estimation::Parts {
   /// null: which rows are which noise's.
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows,
                   std::vector<NoiseRows>* kinds);
-  MatrixXd rows_of_view(const ViewLayout& v, const Scratch& local, bool compress, int first,
+  MatrixXd rows_of_view(const ViewLayout& v, const Scratch& local, int most, int first,
                         int count) const;
 
   /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
@@ -271,16 +271,17 @@ MatrixXd compressed(Eigen::Ref<MatrixXd> rows) {
 
 }  // namespace
 
-/// What is in the scratch of a view, [L r]; `first` and `count`: which rows of each block.
-MatrixXd Estimation::Parts::rows_of_view(const ViewLayout& v, const Scratch& local, bool compress,
+/// What is in the scratch of a view, [L r]; `first` and `count`: which rows of each block. More
+/// than `most` rows are compressed to a triangle.
+MatrixXd Estimation::Parts::rows_of_view(const ViewLayout& v, const Scratch& local, int most,
                                          int first, int count) const {
-  const Eigen::Index width = v.columns.total + 1, rows = v.blocks() * count;
-  compress = compress && rows > width;
-  MatrixXd out = MatrixXd::Zero(compress ? padded(static_cast<int>(rows)) : rows, width);
+  const int width = v.columns.total + 1, rows = v.blocks() * count;
+  const bool compress = rows > most;
+  MatrixXd out = MatrixXd::Zero(compress ? padded(std::max(rows, width)) : rows, width);
   for (int b = 0; b < v.blocks(); ++b)
     for (int i = 0; i < count; ++i)
       out.row(b * count + i) = local.rows.row(v.row(b, first + i)).head(width);
-  return compress ? compressed(out) : out;
+  return compress ? MatrixXd(compressed(out).topRows(std::min(rows, width))) : out;
 }
 
 bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker, bool compress,
@@ -323,19 +324,23 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
       view.resize(v.layout->rows(), width);
       Eigen::Index filled = 0;
       for (size_t p = 0; p < noise.size(); ++p) {
-        const MatrixXd part = rows_of_view(*v.layout, local, true, noise[p].first, noise[p].count);
+        const MatrixXd part =
+            rows_of_view(*v.layout, local, kinematic_rows, noise[p].first, noise[p].count);
         view.middleRows(filled, part.rows()) = part;
-        kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled),
-                          static_cast<int>(part.rows())});
+        const int count = static_cast<int>(part.rows());
+        kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled), count,
+                          v.layout->blocks() * noise[p].count, std::min(count, kinematic_rows)});
         filled += part.rows();
       }
       view.conservativeResize(filled, Eigen::NoChange);
     } else {
       view = compress && v.layout->rows() > width
                  ? compressed(local.rows.topLeftCorner(v.layout->padded_rows(), width))
-                 : rows_of_view(*v.layout, local, false, 0, k);
+                 : rows_of_view(*v.layout, local, kinds ? kinematic_rows : v.layout->rows(), 0, k);
+      const int count = static_cast<int>(view.rows());
       if (kinds)
-        kinds->push_back({v.view, 0, -1, static_cast<int>(used), static_cast<int>(view.rows())});
+        kinds->push_back({v.view, 0, -1, static_cast<int>(used), count, v.layout->rows(),
+                          std::min(count, kinematic_rows)});
     }
     motion.kinematic_matrix(v, s, state, local);
     const auto m = local.expand.m.topLeftCorner(

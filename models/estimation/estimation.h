@@ -55,6 +55,9 @@ struct NoiseRows {
   int part = 0;
   int joint = -1;  // else -1
   int first = 0, count = 0;
+  // Of a view: so many residuals the rows stand for, and so many of the rows, the first, hold all
+  // that a motion of the target changes.
+  int residuals = 0, motion = 0;
 };
 
 /// So many samples are laid out together to be solved apart: more take memory and gain nothing.

@@ -1,0 +1,208 @@
+#include "evidence.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "../../kinematics/floating.h"
+#include "linear_model.h"
+
+namespace kincal {
+namespace {
+
+constexpr double kRigidNumbers = 6;  // that can be wrong with a rigid thing
+
+/// A linear model with what its columns and kinds of noise are.
+struct DataModel {
+  LinearModel model;
+  std::vector<Component> columns;
+  std::vector<NoiseKind> kinds;
+};
+
+/// Kinds by number, in the order in which they are met.
+class KindNumbers {
+ public:
+  int of(const NoiseKind& kind) {
+    return numbers_.emplace(kind, static_cast<int>(numbers_.size())).first->second;
+  }
+  std::vector<NoiseKind> all() const {
+    std::vector<NoiseKind> out(numbers_.size());
+    for (const auto& entry : numbers_) out[entry.second] = entry.first;
+    return out;
+  }
+
+ private:
+  std::map<NoiseKind, int> numbers_;
+};
+
+/// Gives the rows of a group their kinds, weighs what counts as fewer numbers, and adds the
+/// reference priors of free targets.
+LinearModel::Group group_of(const Tree& tree, const GroupShape& shape, MatrixXd rows,
+                            const std::vector<NoiseRows>& noise, KindNumbers& kinds,
+                            LinearModel& model) {
+  LinearModel::Group out;
+  out.private_size = shape.private_size;
+  out.columns = shape.columns;
+  out.kind.assign(rows.rows(), -1);
+  const auto mark = [&](const NoiseKind& kind, int first, int count, double numbers) {
+    const int k = kinds.of(kind);
+    if (k >= model.numbers.size()) model.numbers.conservativeResize(k + 1), model.numbers(k) = 0;
+    std::fill_n(out.kind.begin() + first, count, k);
+    model.numbers(k) += numbers;
+  };
+  int joints = 0;
+  for (const NoiseRows& w : noise) {
+    if (w.joint >= 0) {
+      ++joints;
+      model.log_private_prior +=
+          std::log(rows.row(w.first).head(out.private_size).cwiseAbs().maxCoeff());
+      mark({-1, 0, false, same_noise(tree, w.joint).front()}, w.first, 1, 1);
+      continue;
+    }
+    mark({w.view->sensor, w.part, false, -1}, w.first, w.motion, w.motion);
+    const int rest = w.residuals - w.motion;
+    if (rest == 0) continue;
+    const double weight = std::min(1.0, kRigidNumbers / rest);
+    rows.middleRows(w.first + w.motion, w.count - w.motion) *= std::sqrt(weight);
+    mark({w.view->sensor, w.part, true, -1}, w.first + w.motion, w.count - w.motion, weight * rest);
+  }
+  const Eigen::Index targets = out.private_size - joints, measured = rows.rows();
+  out.rows = MatrixXd::Zero(measured + targets, rows.cols());
+  out.rows.topRows(measured) = rows;
+  out.rows.bottomLeftCorner(targets, targets).setIdentity();  // 1 m, 1 rad: reference_width()
+  out.kind.resize(measured + targets, -1);
+  return out;
+}
+
+/// The priors of shared unknowns, as the fit has them, else the reference ones.
+void add_priors(const Recording& recording, const EstimationSetup& setup, const MatrixXd& rows,
+                const GroupShape* shape, DataModel& to) {
+  LinearModel& model = to.model;
+  const auto n = static_cast<Eigen::Index>(to.columns.size());
+  model.prior = MatrixXd::Zero(n, n);
+  model.pull = VectorXd::Zero(n);
+  model.width.resize(n);
+  if (shape) {
+    const auto m = static_cast<Eigen::Index>(shape->columns.size());
+    const MatrixXd gram = rows.transpose() * rows;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      model.pull(shape->columns[i]) += gram(i, m);
+      for (Eigen::Index j = 0; j < m; ++j)
+        model.prior(shape->columns[i], shape->columns[j]) += gram(i, j);
+    }
+    model.prior_cost = gram(m, m);
+  }
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Component& c = to.columns[i];
+    const auto stated = std::find_if(setup.priors.begin(), setup.priors.end(), [&](const Prior& p) {
+      return p.parameter == c.parameter && p.component == c.index;
+    });
+    const bool open = stated == setup.priors.end();
+    model.width(i) =
+        open ? reference_width(recording.table, c, recording.table.initial) : stated->sigma;
+    if (open) model.prior(i, i) += 1 / (model.width(i) * model.width(i));
+  }
+}
+
+/// The data at a solution, with further components free.
+DataModel data_model(const Linearisation& at, const std::vector<Component>& further) {
+  const Recording& recording = *at.solution.recording;
+  EstimationSetup setup = at.problem().setup();
+  for (const Component& c : further) merge(setup.free, {{c.parameter, {c.index}}});
+  for (Freed& f : setup.free) std::sort(f.components.begin(), f.components.end());
+  Estimation problem(recording, at.solution.training(), setup);
+  const VectorXd state = problem.pack(at.solution.values);
+  problem.renew(state);
+  problem.prepare(state);
+  DataModel out;
+  out.columns = problem.columns();
+  KindNumbers kinds;
+  MatrixXd rows, priors;
+  std::vector<NoiseRows> noise;
+  const GroupShape* prior_shape = nullptr;
+  for (size_t g = 0; g < problem.groups().size(); ++g) {
+    const GroupShape& shape = problem.groups()[g];
+    problem.noise_rows(static_cast<int>(g), state, rows, noise);
+    if (static_cast<int>(g) == problem.prior_group())
+      prior_shape = &shape, priors = rows;
+    else
+      out.model.groups.push_back(
+          group_of(recording.rig.tree, shape, rows, noise, kinds, out.model));
+  }
+  add_priors(recording, setup, priors, prior_shape, out);
+  out.kinds = kinds.all();
+  return out;
+}
+
+}  // namespace
+
+double reference_width(const ParameterTable& table, const Component& component,
+                       const VectorXd& values) {
+  constexpr double kAnywhere = 1;  // m, rad
+  const ParameterKind kind = table.all[component.parameter].kind;
+  const bool placed = kind == ParameterKind::sensor_pose || kind == ParameterKind::target_pose;
+  return placed ? kAnywhere : scales(table, component, values).usual;
+}
+
+ModelEvidence evidence(const Linearisation& at) {
+  const DataModel data = data_model(at, {});
+  const LinearEvidence found = evidence(data.model);
+  return {found.log, data.kinds, found.factor, data.model.numbers, found.fitted};
+}
+
+std::vector<double> scores(const Linearisation& at,
+                           const std::vector<std::vector<FreeDirection>>& groups) {
+  const std::vector<Component>& fitted = at.problem().columns();
+  std::vector<Component> further;
+  for (const std::vector<FreeDirection>& group : groups)
+    for (const FreeDirection& direction : group)
+      for (const auto& moved : direction.moved) {
+        if (std::count(fitted.begin(), fitted.end(), moved.first))
+          throw std::invalid_argument("the fit frees " + at.solution.table().name(moved.first) +
+                                      " already");
+        further.push_back(moved.first);
+      }
+  const DataModel data = data_model(at, further);
+  const auto all = static_cast<Eigen::Index>(data.columns.size());
+  const auto column = [&](const Component& c) {
+    return static_cast<int>(std::find(data.columns.begin(), data.columns.end(), c) -
+                            data.columns.begin());
+  };
+  std::vector<int> kept;
+  for (const Component& c : fitted) kept.push_back(column(c));
+  const LinearEvidence without =
+      evidence(with_unknowns(data.model, kept, MatrixXd(all, 0), VectorXd(0)));
+  std::vector<double> out;
+  for (const std::vector<FreeDirection>& group : groups) {
+    const auto more = static_cast<Eigen::Index>(group.size());
+    MatrixXd directions = MatrixXd::Zero(all, more);
+    VectorXd width(more);
+    for (Eigen::Index g = 0; g < more; ++g) {
+      width(g) = group[g].width;
+      for (const auto& [component, factor] : group[g].moved)
+        directions(column(component), g) += factor;
+    }
+    const LinearEvidence with =
+        evidence(with_unknowns(data.model, kept, directions, width), without.factor);
+    out.push_back(with.log - without.log);
+  }
+  return out;
+}
+
+ModelProbabilities posterior(const std::vector<WeighedModel>& models) {
+  double best = -std::numeric_limits<double>::infinity(), sum = 0;
+  for (const WeighedModel& m : models) best = std::max(best, m.log_evidence + m.log_odds);
+  ModelProbabilities out;
+  for (const WeighedModel& m : models) {
+    out.of_model.push_back(std::exp(m.log_evidence + m.log_odds - best));
+    sum += out.of_model.back();
+  }
+  for (size_t i = 0; i < models.size(); ++i) {
+    out.of_model[i] /= sum;
+    out.of_kind[models[i].kind] += out.of_model[i];
+  }
+  return out;
+}
+
+}  // namespace kincal
