@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "../../kinematics/floating.h"
+#include "../rig/scales.h"
 #include "linear_model.h"
 
 namespace kincal {
