@@ -106,7 +106,7 @@ def to_rpy(r):
 class Joint:
     parent: str
     child: str
-    type: str                     # revolute, prismatic, fixed
+    type: str                     # revolute, prismatic, fixed; floating: its readings are poses (n, 4, 4)
     origin: np.ndarray            # parent_T_joint
     axis: np.ndarray = None
     limits: tuple = None
@@ -116,7 +116,7 @@ class Joint:
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    type: str                     # camera, point, chain
+    type: str                     # camera, point, chain; here nothing else is written or drawn: pose, tilting_laser
     link: str
     sigma: object                 # as stated in the rig
     pose: np.ndarray = None
@@ -165,7 +165,9 @@ def link_frames(model, readings):
     frames = {"base": np.eye(4)}
     for name, joint in model.joints.items():
         frames[joint.child] = frames[joint.parent] @ joint.origin
-        if joint.type != "fixed":
+        if joint.type == "floating":
+            frames[joint.child] = frames[joint.child] @ readings[name]
+        elif joint.type != "fixed":
             frames[joint.child] = frames[joint.child] @ joint_motion(joint, joint.scale * readings[name] + joint.offset)
     return frames
 
@@ -306,14 +308,14 @@ def draw_board(rng, link, sizes, chain=None):
     return Target(link, chain, None, rows, columns, square)
 
 
-def draw_robot(rng, kind):
-    """The robot as designed. Poses of sensors and targets follow in `place`."""
+def draw_robot(rng, kind, arm=draw_arm):
+    """The robot as designed; `arm` draws its arms. Poses of sensors and targets follow in `place`."""
     joints, sensors, targets, pairs = {}, {}, {}, []
     ground = draw_root(rng, joints)
     wall, small = [(6, 7, 0.06), (7, 9, 0.05), (6, 8, 0.04), (8, 11, 0.03)], [(4, 5, 0.03), (6, 7, 0.03), (6, 8, 0.025), (5, 8, 0.04)]
     head = kind == "head" or kind == "free" and rng.random() < 0.5
     sides = [("left", 0.2), ("right", -0.2)] if kind == "head" else [("arm", 0.25 * head)]
-    tips = [draw_arm(rng, joints, ground, name, [rng.uniform(0, 0.1), y, rng.uniform(0.1, 0.4)]) for name, y in sides]
+    tips = [arm(rng, joints, ground, name, [rng.uniform(0, 0.1), y, rng.uniform(0.1, 0.4)]) for name, y in sides]
     looks_from = ground
     if head:
         link = add_joint(rng, joints, "pan", ground, "revolute", [0, 0, rng.uniform(0.5, 0.8)], [0, 0, 1], rng.uniform(0.6, 1.2))
@@ -506,8 +508,8 @@ def write_urdf(path, model, folded=False):
         f.write("\n".join(lines + ["</robot>", ""]))
 
 
-def write_rig(path, model, robot, joint_sigma, poses=False, estimate=None):
-    """Without `poses` as `kincal init` leaves it: no mount is known."""
+def rig_of(model, robot, joint_sigma, poses=False, estimate=None):
+    """Without `poses` as `kincal init` leaves it: no mount is known; with them as many as the model has."""
     rig = {"format": "kincal/1", "robot": robot, "joints": {"*": {"sigma": joint_sigma}}, "targets": {}, "sensors": {}}
     for name, joint in model.joints.items():
         if joint.type == "prismatic":
@@ -515,10 +517,10 @@ def write_rig(path, model, robot, joint_sigma, poses=False, estimate=None):
     for name, target in model.targets.items():
         entry = {"type": "chessboard", "rows": target.rows, "columns": target.columns, "square": float(target.square)} if target.rows else {
             "type": "points", "points": [numbers(p) for p in target.reflector]}
-        entry["mount"] = "free" if target.chain else {"link": target.link, **({"pose": pose_entry(target.pose)} if poses else {})}
+        entry["mount"] = "free" if target.chain else {"link": target.link, **({"pose": pose_entry(target.pose)} if poses and target.pose is not None else {})}
         rig["targets"][name] = entry
     for name, sensor in model.sensors.items():
-        entry = {"type": sensor.type, "link": sensor.link, "sigma": sensor.sigma, **({"pose": pose_entry(sensor.pose)} if poses else {})}
+        entry = {"type": sensor.type, "link": sensor.link, "sigma": sensor.sigma, **({"pose": pose_entry(sensor.pose)} if poses and sensor.pose is not None else {})}
         if sensor.type == "camera":
             entry.update(model="brown_conrady", image_size=list(sensor.size), intrinsics=numbers(sensor.intrinsics))
             if sensor.distortion:
@@ -526,8 +528,13 @@ def write_rig(path, model, robot, joint_sigma, poses=False, estimate=None):
         rig["sensors"][name] = entry
     if estimate:
         rig["estimate"] = estimate
+    return rig
+
+
+def write_rig(path, *rig, **options):
+    """What `rig_of` makes."""
     with open(path, "w") as f:
-        yaml.safe_dump(rig, f, sort_keys=False)
+        yaml.safe_dump(rig_of(*rig, **options), f, sort_keys=False)
 
 
 def write_samples(path, case, noisy):
@@ -646,7 +653,8 @@ def read_pose(entry):
 def read_model(folder, nominal):
     """The calibrated robot: the nominal one with the numbers of a result's robot.urdf and rig.yaml."""
     model = nominal
-    for joint in xml.parse(os.path.join(folder, "robot.urdf")).getroot().findall("joint"):
+    urdf = os.path.join(folder, "robot.urdf")     # of a robot that is known by its flange there is none
+    for joint in xml.parse(urdf).getroot().findall("joint") if os.path.exists(urdf) else []:
         origin = joint.find("origin")
         pose = {k: [float(v) for v in origin.get(k, "0 0 0").split()] for k in ("xyz", "rpy")}
         model = model.with_("joints", joint.get("name"), origin=read_pose(pose))
@@ -746,7 +754,7 @@ def judge(case, folder):
     differs = 0.0
     for name, joint in case.nominal.joints.items():
         origin = joint.origin @ exp(value(result, "joint/%s/origin" % name, 6))
-        if joint.type != "fixed":
+        if joint.type not in ("fixed", "floating"):
             origin = origin @ joint_motion(joint, value(result, "joint/%s/offset" % name)[0])
         differs = max(differs, abs(origin - estimate.joints[name].origin).max())
     return judged, differs
