@@ -316,7 +316,8 @@ def see(rng, model, how, count):
         seen = np.stack([visible(model, frames, p) for p in model.pairs])
         wanted = np.zeros(5000, bool)
         for i in range(len(model.pairs)):
-            new = np.flatnonzero(seen[i] & ~wanted)[:math.ceil(count / len(model.pairs)) + 1 if not batch else math.ceil((count - found.sum()) / len(model.pairs))]
+            most = count / len(model.pairs) + 1 if not batch else (count - found.sum()) / len(model.pairs)
+            new = np.flatnonzero(seen[i] & ~wanted)[:math.ceil(most)]
             wanted[new] = True
             found[i] += len(new)
         kept.append({n: r[wanted] for n, r in readings.items()})
@@ -447,6 +448,19 @@ def how_well_known(case):
     return max(s / (0.01 if c < 3 else math.radians(1)) for s, (_, _, c) in zip(sigma, unknowns))
 
 
+def with_guesses(rng, nominal, truth, guess):
+    """The rig and the robot, what is stated of the joints and true of them, and that in words: guesses, and 0.1 to 10 times these."""
+    sensors, joints = (math.exp(rng.uniform(-1, 1) * math.log(10)) for _ in range(2))
+    usual = {"floating": {"translation": 0.0001, "rotation": 0.0002}, "prismatic": guess["slide"], "revolute": guess["joint"]}
+    guessed = {n: usual[j.type] for n, j in truth.joints.items() if j.type != "fixed"}
+    for name, s in nominal.sensors.items():
+        nominal = nominal.with_("sensors", name, sigma=guess[s.type])
+        truth = truth.with_("sensors", name, sigma=times(guess[s.type], sensors))
+    stated = {n: s for n, s in guessed.items() if truth.joints[n].type != "floating"}     # of a flange `init` states none
+    words = ", noise of sensors %.2g and of joints %.2g times the guess" % (sensors, joints)
+    return nominal, truth, stated, {n: times(s, joints) for n, s in guessed.items()}, words
+
+
 def draw_case(seed, kind, guess):
     """`guess`: None, or the sigmas that `kincal init` writes: of types of sensors, and `joint`, `slide`. Recordings that tell too little are drawn again."""
     for attempt in range(3000):
@@ -458,6 +472,7 @@ def draw_case(seed, kind, guess):
         truth, about = (nominal, "poses as they are") if kind == "flange" else plant(rng, nominal)
         truth, held = place(rng, truth, kind, how)
         samples = int(rng.integers(8, 13)) if kind == "few" else int(round(math.exp(rng.uniform(math.log(15), math.log(60)))))
+        samples_and = "%d samples" % samples
         postures = truth and see(rng, truth, how, samples + FRESH)
         if not postures:
             continue
@@ -473,20 +488,15 @@ def draw_case(seed, kind, guess):
         nominal = base.Model(nominal.joints, truth.sensors, truth.targets, truth.pairs)
         stated = dict(noise) if told else {}
         if guess:
-            sensors, joints = (math.exp(rng.uniform(-1, 1) * math.log(10)) for _ in range(2))
-            usual = {"floating": {"translation": 0.0001, "rotation": 0.0002}, "prismatic": guess["slide"], "revolute": guess["joint"]}
-            stated = {n: usual[truth.joints[n].type] for n in noise}
-            noise = {n: times(s, joints) for n, s in stated.items()}
-            stated = {} if kind == "flange" else stated
-            for name, s in nominal.sensors.items():
-                nominal = nominal.with_("sensors", name, sigma=guess[s.type])
-                truth = truth.with_("sensors", name, sigma=times(guess[s.type], sensors))
-            about += ", noise of sensors %.2g and of joints %.2g times the guess" % (sensors, joints)
+            nominal, truth, stated, noise, words = with_guesses(rng, nominal, truth, guess)
+            about += words
+        elif not told:
+            samples_and = "%d samples, noise of %s not stated" % (samples, "poses" if kind == "flange" else "joints")
         scanned = [s.link for s in truth.sensors.values() if s.type == "tilting_laser"]
         noise = {n: v for n, v in noise.items() if truth.joints[n].child not in scanned}
         stated = {n: v for n, v in stated.items() if n in noise}
-        case = Case(seed, kind, how, "%s, %s, %d samples%s" % (how, about, samples, "" if told or guess else ", noise of %s not stated" % (
-            "poses" if kind == "flange" else "joints")), rig_poses(rng, nominal, truth, held), truth, readings, seen, which, samples, stated, noise, held)
+        case = Case(seed, kind, how, "%s, %s, %s" % (how, about, samples_and), rig_poses(rng, nominal, truth, held), truth, readings, seen, which,
+                    samples, stated, noise, held)
         if how_well_known(case) < 0.5:
             return case
     raise SystemExit("no robot of kind %s for seed %d" % (kind, seed))
@@ -740,7 +750,8 @@ def found(rows, of):
 
 
 def tell_guesses(rows):
-    print("| kind | good | %, 95 % | no | else the verdict is about | estimated | sensors' noise, found / true | joints' | predicted / actual (5, 95 %) | good and wrong |")
+    print("| kind | good | %, 95 % | no | else the verdict is about | estimated | sensors' noise, found / true | joints' | predicted / actual (5, 95 %) "
+          "| good and wrong |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for kind, group in groups(rows):
         good = [r for r in group if r["use"] == "good" and r["exit"] == 0]
