@@ -189,7 +189,7 @@ class Endings(Input):
         code, result, said = self.run_calibrate(GIVEN + self.STEPS, samples)
         self.assertIn(code, (3, 5), said)
         self.assertEqual(result["findings"][0]["id"], "joint-sign")
-        self.assertLess(said.index("joint-sign: Joint 'j3'"), said.index("Errors, rms"))   # in the verdict, which is the first that is printed
+        self.assertLess(said.index("joint-sign: joint 'j3'"), said.index("Errors, rms"))   # in the verdict, which is the first that is printed
         self.assertEqual(said.count("joint-sign"), 1)
 
     def test_beyond_noise_is_no_matter_of_freeing_more(self):
