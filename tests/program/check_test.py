@@ -1226,7 +1226,7 @@ class Answer(unittest.TestCase):
         for plant, word in ((rows_columns("board"), "rows-columns"), (in_degrees(*SIX), "degrees")):
             rig, samples = self.files(plant)
             report = run("calibrate", rig, samples, "--out", rig + ".out", "--no-report")
-            self.assertRegex(report.out + report.err, r"[ \n]%s: [A-Z]" % word)   # in the verdict, the first that is printed, or the error
+            self.assertRegex(report.out + report.err, r"[ \n]%s: [A-Za-z]" % word)   # in the verdict, the first that is printed, or the error
         rig, samples = self.files()
         report = run("calibrate", rig, samples, "--out", rig + ".out", "--no-report")
         self.assertEqual(report.code, 0, report.err)
