@@ -37,9 +37,9 @@ targets:
   near: {type: chessboard, rows: 6, columns: 8, square: 0.04, mount: {link: base, pose: {xyz: [1.2, 0.1, 0.4], rpy: [1.5, 0.3, 1.5]}}}
   far: {type: chessboard, rows: 6, columns: 8, square: 0.05, mount: {link: base, pose: {xyz: [1.5, -0.4, 0.9], rpy: [1.5, -0.4, 1.5]}}}
 sensors:
-  left: {type: camera, link: optical, intrinsics: [500, 500, 320, 240], image_size: [640, 480], sigma: 0.2}
-  right: {type: camera, link: optical, intrinsics: [500, 500, 320, 240], baseline: 0.1, image_size: [640, 480], sigma: 0.2}
-  spare: {type: camera, link: neck, intrinsics: [500, 500, 320, 240], image_size: [640, 480], sigma: 0.2}
+  left: {type: camera, model: pinhole, link: optical, intrinsics: [500, 500, 320, 240], image_size: [640, 480], sigma: 0.2}
+  right: {type: camera, model: pinhole, link: optical, intrinsics: [500, 500, 320, 240], baseline: 0.1, image_size: [640, 480], sigma: 0.2}
+  spare: {type: camera, model: pinhole, link: neck, intrinsics: [500, 500, 320, 240], image_size: [640, 480], sigma: 0.2}
 )";
 
 /// What both cameras see of the boards, the joint above them moved by so much along x.

@@ -550,7 +550,7 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
   CHECK(written.rig.sensors[1].pose_given);
   CHECK(written.rig.sensors[6].pose_given);
   CHECK_THAT(text, Contains("  mocap:\n    type: pose\n    link: base_link\n"
-                            "    pose:\n      xyz: [0, 0, 0]\n"));
+                            "    pose: {xyz: [0, 0, 0]}\n"));
   CHECK_THAT(
       text,
       Contains("robot: new robot.urdf\n") &&
@@ -951,7 +951,6 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
     INFO(entry.path().filename());
     ++rigs;
     const RigFile rig = read_rig(entry.path().string());
-    CHECK_FALSE(rig.rig.steps.empty());
     place.write("written.yaml", rig_text(rig, values_of(rig.rig), rig.urdf.path));
     check_same(read_rig((place.directory / "written.yaml").string()).rig, values_of(rig.rig), 0);
     for (const fs::directory_entry& other : fs::directory_iterator(entry.path().parent_path())) {
@@ -971,9 +970,11 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
         }
         ++files;
       });
-      // of the robots with several rigs, not every rig has the sensors of every file of samples
+      // of the robots with several rigs, not every rig has the sensors of every file of samples, or
+      // takes one for a sensor of poses and another for one of points
       if (!read_error.empty())
-        CHECK_THAT(read_error, Contains("unknown sensor") || Contains("unknown target"));
+        CHECK_THAT(read_error, Contains("unknown sensor") || Contains("unknown target") ||
+                                   Contains("view has no"));
     }
   }
   CHECK(rigs >= 11);

@@ -144,13 +144,13 @@ TEST_CASE("calibration: what a selection changes, and what changes nothing") {
                              {"joint/shoulder/offset"});
   REQUIRE(plan.without_effect.size() == 3);
   CHECK(plan.without_effect[0] ==
-        "free 'joint/elbow/offset' changes nothing: it is free in step 'all' anyway");
+        "`free` 'joint/elbow/offset' changes nothing: it is free in step 'all' anyway");
   CHECK_THAT(
       plan.without_effect[1],
       StartsWith(
-          "free 'joint/id*/offset' changes nothing: no measurement of step 'all' depends on it"));
+          "`free` 'joint/id*/offset' changes nothing: no measurement of step 'all' depends on it"));
   CHECK(plan.without_effect[2] ==
-        "fix 'joint/shoulder/offset' changes nothing: it is not free in step 'all' anyway");
+        "`fix` 'joint/shoulder/offset' changes nothing: it is not free in step 'all' anyway");
   CHECK(plan.unused == std::vector<std::string>{"joint/idle/offset"});
 
   CalibrationOptions options;

@@ -41,21 +41,21 @@ TEST_CASE("recording: what another one is made with is its own, the rest is shar
 }
 
 TEST_CASE("recording: what is shared lives as long as who shares it") {
-  const Setting s = nasty(3, 5, true, {"sensor/pin/pose"}, 0.01);
+  Setting s = nasty(3, 5, true, {"sensor/pin/pose"}, 0.01);
+  s.make({"pin"}, {"sensor/pin/pose"});
   std::optional<Recording> first(std::in_place, s.rig, s.samples);
   const Recording kept = *first;
   EstimationSetup setup;
-  setup.sensors = all_sensors(s.rig);
+  setup.sensors = {sensor_index(s.rig, "pin")};
   setup.free = freed(first->table, {"sensor/pin/pose"});
   auto expected = std::make_unique<Estimation>(*first, first->training(), setup);
   const VectorXd state = expected->pack(s.values);
-  Cost cost;
+  Cost cost, again;
   REQUIRE(expected->evaluate(0, state, 0, cost));
   auto problem =
       std::make_unique<Estimation>(first->with_samples(s.samples), kept.training(), setup);
   expected.reset();
   first.reset();
-  Cost again;
   REQUIRE(problem->evaluate(0, state, 0, again));
   CHECK(again.doubled == cost.doubled);
   CHECK(kept.rig.sensors.size() == s.rig.sensors.size());
