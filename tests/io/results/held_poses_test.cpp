@@ -81,5 +81,5 @@ TEST_CASE("held poses: the cameras of a rectified pair have theirs in the rig th
   const Evaluation same = judged(0.004), another = judged(0.009);
   CHECK(same.open.empty());
   CHECK(same.chi2 < 1.3 * static_cast<double>(same.dof));
-  CHECK(another.chi2 > 20 * static_cast<double>(another.dof));
+  CHECK(another.chi2 > 3 * static_cast<double>(another.dof));  // 5 mm, mostly along the view
 }

