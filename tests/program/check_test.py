@@ -972,7 +972,7 @@ def judge(plant, report):
         if named != set(plant.joints):
             return "`where` should name %s: %s" % (plant.joints, where)
     if plant.samples is not None:
-        named = set(re.findall(r"\b(?:s\d\d|(?:left|right|far)_\d+|group\d_\d+)\b", where))
+        named = set(re.findall(r"\b(?:s\d\d|(?:left|right|far|[lr]_arm)_\d+|group\d_\d+)\b", where))
         if named != set(plant.samples):
             return "`where` should name exactly the samples %s: %s" % (plant.samples, where)
     if plant.chi2:
