@@ -78,6 +78,7 @@ int check(const CheckArguments& a) {
   } catch (const NameError& error) {
     throw with_nearest(error);
   }
+  for (Notice& finding : diagnosis->findings) in_program_words(finding);
   std::map<std::string, std::vector<std::string>> open;
   if (diagnosis->findings.empty()) open = open_numbers(rig_file, recording->samples);
   progress.clear();
