@@ -504,6 +504,14 @@ def draw_case(seed, kind, guess):
 
 # ---- files
 
+def as_guesses(rig):
+    """All sigmas of a rig marked as `kincal init` marks its guesses."""
+    for part in ("joints", "sensors"):
+        for entry in rig.get(part, {}).values():
+            if "sigma" in entry:
+                entry["sigma"] = {"guess": entry["sigma"]}
+
+
 def rig_of(case, model, robot, stated, poses):
     rig = base.rig_of(model, {"base": "base", "flange": "flange"} if case.kind == "flange" else robot, 0.0, poses)
     rig["joints"] = {n: {"sigma": s} for n, s in stated.items()}
@@ -566,12 +574,14 @@ def write_samples(path, case, noisy):
             f.write(json.dumps({"id": "sample_%03d" % i, "joints": joints, "views": views}) + "\n")
 
 
-def write_case(folder, case, noisy, true):
-    """`true`: a rig with the truth."""
+def write_case(folder, case, noisy, true, guessed=False):
+    """`true`: a rig with the truth; `guessed`: its sigmas are guesses."""
     urdf = "true_robot.urdf" if true else "robot.urdf"
     if case.kind != "flange":
         base.write_urdf(os.path.join(folder, urdf), case.truth if true else case.nominal, folded=true)
     rig = rig_of(case, case.truth if true else case.nominal, urdf, case.noise if true else case.stated, True)
+    if guessed:
+        as_guesses(rig)
     with open(os.path.join(folder, "true_rig.yaml" if true else "rig.yaml"), "w") as f:
         yaml.safe_dump(rig, f, sort_keys=False)
     write_samples(os.path.join(folder, "samples.jsonl"), case, noisy)
@@ -599,7 +609,9 @@ def guesses(program):
             raise SystemExit(error)
         with open(rig) as f:
             written = yaml.safe_load(f)
-    return {**{t: written["sensors"][t]["sigma"] for t in types}, "joint": written["joints"]["*"]["sigma"], "slide": written["joints"]["slide"]["sigma"]}
+    found = {**{t: written["sensors"][t]["sigma"] for t in types}, "joint": written["joints"]["*"]["sigma"], "slide": written["joints"]["slide"]["sigma"]}
+    marked = all(isinstance(s, dict) and "guess" in s for s in found.values())     # not as the program of 9efec73 wrote them
+    return {**{k: s["guess"] if marked else s for k, s in found.items()}, "marked": marked}
 
 
 def cause_of(result):
@@ -617,7 +629,7 @@ def cause_of(result):
 
 
 def noise_found(case, result):
-    """[of, part, used, true, seen, its uncertainty] of every level."""
+    """[of, part, used, true, seen, its uncertainty, interval] of every level."""
     out = []
     for level in result["noise_levels"]:
         part, name = level["of"].split("/", 1)
@@ -625,7 +637,7 @@ def noise_found(case, result):
         if isinstance(sigma, dict):
             sigma = sigma[level["part"]]
         if sigma is not None:
-            out.append([level["of"], level.get("part"), level["used"], sigma, level["seen"], level["uncertainty"]])
+            out.append([level["of"], level.get("part"), level["used"], sigma, level["seen"], level["uncertainty"], level.get("interval")])
     return out
 
 
@@ -651,7 +663,7 @@ def measure(task):
                 elif said:
                     row["residuals"] = {n: [s["train"]["rms"], s["train"].get("rms_rotation")] for n, s in said["sensors"].items()}
             return row
-        write_case(folder, case, 1, False)
+        write_case(folder, case, 1, False, bool(options.guess) and options.guess["marked"])
         fix = [a for name in held_names(case) for a in ("--fix", name)]
         code, seconds, _, error = base.run(options.program, "calibrate", os.path.join(folder, "rig.yaml"), samples, "--out", out, "--no-report", "--quiet",
                                            "--threads", "1", *fix)
@@ -662,7 +674,7 @@ def measure(task):
             row.update(use=result["verdict"]["use"], text=result["verdict"]["text"][:400], cause=cause_of(result), status=result["status"],
                        warnings=[[w["id"], w["text"][:300]] for w in result["warnings"]],
                        findings=[[f["id"], f["text"][:300]] for f in result.get("findings", [])], chi2=[result["chi2_data"], result["dof_data"]],
-                       noise=noise_found(case, result), estimated=bool(result.get("noise_estimated")))
+                       noise=noise_found(case, result), estimated=bool(result.get("noise_estimated")) or options.guess is not None)
             row["judged"] = base.judge(case, out)[0]
         return row
     finally:
@@ -745,7 +757,7 @@ def tell_seeds(rows):
 
 def found(rows, of):
     """Used over true noise of what the program estimated: median, 5 and 95 %."""
-    values = [used / true for r in rows if r.get("estimated") for name, _, used, true, _, _ in r["noise"] if name.startswith(of) and used]
+    values = [used / true for r in rows if r.get("estimated", True) for name, _, used, true, *_ in r["noise"] if name.startswith(of) and used]
     return "%.2f (%.2f to %.2f)" % tuple(np.percentile(values, [50, 5, 95])) if values else "-"
 
 
@@ -759,6 +771,8 @@ def tell_guesses(rows):
         print("| %s | %s | %d | %s | %d | %s | %s | %s | %d |" % (kind, share(len(good), len(group)), sum(r["use"] == "no" for r in group),
               counted(r["cause"] for r in group if r not in good), sum(bool(r.get("estimated")) for r in group), found(group, "sensor/"), found(group, "joint/"),
               ratios([r for r in group if r["exit"] == 0]), wrong))
+    levels = [low <= true <= high for r in rows for _, _, _, true, _, _, (low, high) in r["noise"]]
+    print("\nTrue noise within the interval of 95 %%: %s levels" % share(sum(levels), len(levels)))
     print("\nSeeds of what is not good")
     for kind, group in groups(rows)[:-1]:
         seeds = collections.defaultdict(list)

@@ -166,7 +166,7 @@ std::string weak_text(const Explanation& e, bool automatic) {
 std::string noise_text(const Report& report) {
   std::string out;
   for (const NoiseLevel& l : report.noise_levels) {
-    if (report.noise_estimated ? l.used == l.assumed : !l.differs()) continue;
+    if (l.guess > 0 || (report.noise_estimated ? l.used == l.assumed : !l.differs())) continue;
     const Unit unit = shown(l.unit);
     const std::string name = l.of.substr(l.of.find('/') + 1) + (l.part.empty() ? "" : " " + l.part),
                       unit_name = " " + unit.name;

@@ -259,8 +259,6 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
   RigFile written = with_lenses(rig_file, result);
   if (written.rig.steps.empty()) add_priors(written, priors_of(result));
   RigValues values = values_of(written.rig);
-  for (size_t j = 0; j < written.rig.joints.size(); ++j)
-    if (written.rig.joints[j].noise_unknown) values.joint_sigmas[j] = 0;  // as the rig has it: open
   for (const CameraIntrinsics& camera : result.cameras)
     if (const Sensor found = calibrated_camera(rig_file.rig, result, camera); found.pose_given)
       values.sensor_poses[camera.camera] = found.link_T_sensor;

@@ -43,17 +43,20 @@ Json sensor_table(const std::vector<SensorResult>& sensors, bool before) {
 
 Json noise_table(const std::vector<NoiseLevel>& levels) {
   Json out = Json::array();
-  for (const NoiseLevel& l : levels)
+  for (const NoiseLevel& l : levels) {
     out.push_back({{"of", l.of},
                    {"part", l.part},
                    {"unit", l.unit},
-                   {"assumed", number(l.assumed)},
+                   {"assumed", number(l.guess > 0 ? l.guess : l.assumed)},
+                   {"stated", l.guess == 0},
                    {"used", number(l.used)},
                    {"seen", number(l.seen)},
                    {"uncertainty", number(l.uncertainty)},
                    {"redundancy", number(l.redundancy)},
                    {"rows", l.rows},
                    {"own_views", l.own_views}});
+    if (l.guess > 0) out.back()["interval"] = numbers({l.interval().first, l.interval().second});
+  }
   return out;
 }
 

@@ -166,7 +166,7 @@ std::string head_text(const Tree& tree, const std::string& robot) {
            yaml_text(tree.links[tree.root]) +
            ", flange: " + yaml_text(tree.links[tree.joints[0].child]) +
            "}\n\n"
-           "# Noise of the poses, m and rad (0: exact). Left away, it is found from the data.\n"
+           "# Noise of the poses, m and rad (0: exact). Not stated, it is found from the data.\n"
            "# joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}\n";
   std::string out =
       "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
@@ -179,13 +179,15 @@ std::string head_text(const Tree& tree, const std::string& robot) {
       "                # frame of free targets\n\n"
       "# Noise of one joint reading (repeatability, backlash), rad; 0: exact. It decides how "
       "residuals are shared between robot and\n"
-      "# sensors: chi2/dof near 1 and joint errors within 4 sigmas say that it is right.\n"
+      "# sensors. {guess: ...} is no statement: the noise is found from the data. If you know it, "
+      "state it: sigma: 0.0002\n"
       "joints:\n"
-      "  \"*\": {sigma: 0.0002}           # GUESS: 0.2 mrad, an industrial arm; hobby servos 5 "
-      "mrad\n";
+      "  \"*\": {sigma: {guess: " +
+      text("%g", kGuessedTurnNoise) + "}}\n";
   for (const Joint& joint : tree.joints)
     if (joint.has_reading() && joint.type == JointType::prismatic)
-      out += "  " + yaml_text(joint.name) + ": {sigma: 0.0001}    # GUESS: m\n";
+      out += "  " + yaml_text(joint.name) + ": {sigma: {guess: " + text("%g", kGuessedSlideNoise) +
+             "}}    # m\n";
   return out;
 }
 
@@ -298,7 +300,8 @@ std::string sensor_text(const Tree& tree, const NewRig& rig, const NewSensor& s,
   if (s.type == "camera") out += mount_text(tree, rig, s, mounted);
   if (s.type == "camera") out += camera_text(rig, s, camera);
   if (type.make()->scans()) out += laser_text(tree, s);
-  return out + "    sigma: " + type.guess + "\n";
+  return out + "    sigma: {guess: " + type.guess + "}   # " + type.unit +
+         "; found from the data, unless you state it: sigma: " + type.guess + "\n";
 }
 
 /// The first chain with several moving joints between the links that carry something, as a step

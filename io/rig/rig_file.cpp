@@ -284,7 +284,9 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
     sensor.mount_joint = read_mount_joint(field["mount"], tree, sensor.link);
     sensor.pose_given = true;  // absent: the identity
   }
-  sensor.sigma = read_sigma(field["sigma"], sensor);
+  const Field sigma = field["sigma"];
+  sensor.sigma = read_sigma(is_guess(sigma) ? sigma["guess"] : sigma, sensor);
+  if (is_guess(sigma)) sensor.noise_guess = sensor.sigma;
   if (sensor.type == "camera") read_camera(field, sensor);
   if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
   return sensor;
@@ -429,12 +431,13 @@ void read_floating(const Field& entry, const Tree& tree, int joint,
           "the reading of a floating joint is a pose; it has a sigma only: {sigma: "
           "{translation: 0.0001, rotation: 0.0002}}");
   if (!entry.has("sigma")) return;
-  const Field sigma = entry["sigma"];
+  const bool guess = is_guess(entry["sigma"]);
+  const Field sigma = guess ? entry["sigma"]["guess"] : entry["sigma"];
   sigma.check_keys({"translation", "rotation"});
   const int first = tree.joints[joint].first_axis + kPoseAxes;
   for (int k = 0; k < kPoseAxes; ++k) {
     settings[first + k].sigma = sigma[k < 3 ? "translation" : "rotation"].number_at_least(0);
-    settings[first + k].noise_unknown = false;
+    settings[first + k].noise_guess = guess ? settings[first + k].sigma : 0;
   }
 }
 
@@ -468,7 +471,10 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
                                                const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
   for (size_t j = 0; j < settings.size(); ++j)
-    settings[j].noise_unknown = tree.joints[j].axis_of_pose == PoseAxis::error;
+    settings[j].noise_guess = tree.joints[j].axis_of_pose == PoseAxis::error ? kGuessedPoseNoise
+                              : !tree.joints[j].has_reading()                ? 0
+                              : tree.joints[j].type == JointType::prismatic  ? kGuessedSlideNoise
+                                                                             : kGuessedTurnNoise;
   if (is_null(field)) return settings;
   if (field.node->kind != Node::Kind::mapping)
     field.fail("a mapping of joint names or globs is expected");
@@ -495,7 +501,12 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
         if (joint.name == pattern) entry.fail("a " + kind + " joint has no reading of its own");
         continue;
       }
-      if (entry.has("sigma")) settings[j].sigma = entry["sigma"].number_at_least(0);
+      if (entry.has("sigma")) {
+        const Field sigma = entry["sigma"];
+        const bool guess = is_guess(sigma);
+        settings[j].sigma = guess ? sigma["guess"].positive() : sigma.number_at_least(0);
+        settings[j].noise_guess = guess ? settings[j].sigma : 0;
+      }
       if (entry.has("offset")) settings[j].offset = entry["offset"].number();
       if (entry.has("scale")) settings[j].scale = entry["scale"].number();
       if (settings[j].scale == 0) entry["scale"].fail("a scale is not 0");
@@ -611,7 +622,9 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   if (rig.steps.empty())  // poses are never exact; with steps a sigma that is not stated is 0
     for (JointSettings& joint : rig.joints)
-      if (joint.noise_unknown) joint.sigma = kUnknownPoseNoise;
+      if (joint.noise_guess > 0 &&
+          rig.tree.joints[&joint - rig.joints.data()].axis_of_pose == PoseAxis::error)
+        joint.sigma = joint.noise_guess;
   if (all.has("priors")) rig.priors = read_priors(all["priors"], rig);
   if (all.has("nominal")) rig.nominal = read_nominal(all["nominal"], rig);
   return file;

@@ -135,7 +135,7 @@ void set_floating_sigma(Node& joints, const Tree& tree, int axis, double sigma) 
   Node& entry = member(joints, read_name(tree, axis));
   if (entry.kind != Node::Kind::mapping) entry = mapping_node();
   Node& node = member(entry, "sigma");
-  if (node.kind != Node::Kind::mapping) {
+  if (node.kind != Node::Kind::mapping || node.find("guess")) {
     node = mapping_node();
     for (const char* part : {"translation", "rotation"}) member(node, part) = number_node(0);
   }
@@ -154,7 +154,9 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
     const std::vector<JointSettings> given =
         read_joint_settings({&joints, &rig.path, "joints"}, tree, rig.joint_models);
     for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const JointSettings now = {values.joint_sigmas[j], values.joint_offsets[j],
+      const double sigma = values.joint_sigmas[j];
+      const bool as_guessed = sigma > 0 && sigma == given[j].noise_guess;
+      const JointSettings now = {as_guessed ? given[j].sigma : sigma, values.joint_offsets[j],
                                  values.joint_scales[j], values.joint_models[j],
                                  values.joint_further[j]};
       const std::string& name = tree.joints[j].name;
@@ -186,11 +188,12 @@ void set_sigma(Node& node, const Sensor& sensor, const std::vector<double>& sigm
   const Names names = sigma_names(sensor);
   const size_t stride = names.empty() ? 1 : sigma.size() / names.size();
   Node& written = member(node, "sigma");
+  if (written.find("guess")) written = names.empty() ? number_node(sigma[0]) : mapping_node();
   if (names.empty() && written.kind != Node::Kind::sequence) written = number_node(sigma[0]);
   if (names.empty() && written.kind == Node::Kind::sequence)
     written = list_node(sigma.data(), static_cast<int>(sigma.size()));
   for (size_t i = 0; i < names.size(); ++i)
-    if (sigma[i * stride] != sensor.sigma[i * stride])
+    if (!written.find(names[i]) || sigma[i * stride] != sensor.sigma[i * stride])
       member(written, names[i]) = number_node(sigma[i * stride]);
 }
 

@@ -23,26 +23,30 @@ const std::vector<SensorKeys>& sensor_types() {
        {"image_size", "distortion", "baseline"},
        "pixels",
        [] { return make_camera(Lens::pinhole, 0); },
-       "0.2                   # GUESS: px"},
-      {"point", {"sigma"}, {}, "points", make_point, "0.0002                # GUESS: m", true},
+       "0.2",
+       "px"},
+      {"point", {"sigma"}, {}, "points", make_point, "0.0002", "m", true},
       {"pose",
        {"sigma"},
        {},
        "pose",
        make_pose,
-       "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad"},
+       "{translation: 0.0005, rotation: 0.001}",
+       "m, rad"},
       {"chain",
        {"sigma"},
        {},
        "",
        make_chain,
-       "{translation: 0.0005, rotation: 0.001}   # GUESS: m, rad; of the grip"},
+       "{translation: 0.0005, rotation: 0.001}",
+       "m, rad; of the grip"},
       {"tilting_laser",
        {"joint", "sigma"},
        {},
        "rays",
        make_tilting_laser,
-       "{joint: 0.0005, bearing: 0.0005, range: 0.005}   # GUESS: rad, rad, m"}};
+       "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
+       "rad, rad, m"}};
   return types;
 }
 
@@ -61,6 +65,12 @@ Names sigma_names(const Sensor& sensor) {
 bool sigma_by_axis(const Sensor& sensor) {
   const SensorKeys* keys = find_type(sensor_types(), sensor.type);
   return !keys || keys->by_axis;
+}
+
+bool is_guess(const Field& sigma) {
+  if (sigma.node->kind != Node::Kind::mapping || !sigma.has("guess")) return false;
+  sigma.check_keys({"guess"});
+  return true;
 }
 
 std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {

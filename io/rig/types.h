@@ -28,9 +28,9 @@ struct SensorKeys {
   const char*
       payload;  // key of a view's measured numbers, "" if the joint readings are the measurement
   std::shared_ptr<const SensorModel> (
-      *make)();          // the model; of a camera one without a lens, until its keys are read
-  const char* guess;     // sigma that `init` writes, with its unit as a comment
-  bool by_axis = false;  // sigma may be a list, one number a residual
+      *make)();              // the model; of a camera one without a lens, until its keys are read
+  const char *guess, *unit;  // sigma that `init` writes, and its units
+  bool by_axis = false;      // sigma may be a list, one number a residual
 };
 const std::vector<SensorKeys>& sensor_types();
 
@@ -61,6 +61,10 @@ Names sigma_names(const Sensor& sensor);
 /// Returns whether a list of numbers may stand for the sigma of a sensor. Sensors of types that
 /// files do not know take one.
 bool sigma_by_axis(const Sensor& sensor);
+
+/// Returns whether `sigma` is {guess: ...}, which states nothing: the noise is estimated from
+/// there.
+bool is_guess(const Field& sigma);
 
 /// Standard deviations are returned as the model takes them: camera 2, point 3, laser (joint,
 /// bearing, range), poses 3 + 3.

@@ -4,8 +4,10 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <set>
 
 #include "../fitting/robust.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
@@ -23,6 +25,55 @@ double left_of_target(const Rig& rig, const Sample& sample, const View& view,
     if (v.target == view.target && mean != views.end()) count += mean->second.count;
   }
   return 1 - 6.0 / static_cast<double>(count);
+}
+
+}  // namespace
+
+namespace {
+
+/// Residuals and joint errors of each sample, squared and whitened, and how many of them its own
+/// unknowns leave: chi-squared, or less where shared unknowns take some of it up.
+std::vector<Mean> sample_squares(const Solution& solution,
+                                 const std::map<const View*, Mean>& views) {
+  const Rig& rig = solution.rig();
+  std::vector<Mean> out(solution.samples().size());
+  for (size_t i = 0; i < out.size(); ++i) {
+    std::set<int> free;
+    for (const View& v : solution.samples()[i].views) {
+      const auto mean = views.find(&v);
+      if (mean == views.end()) continue;
+      out[i].sum += mean->second.sum;
+      out[i].count += mean->second.count;
+      if (rig.targets[v.target].link < 0) free.insert(v.target);
+    }
+    out[i].count -= 6 * static_cast<long>(free.size());
+  }
+  for (const auto& e : solution.values.errors)
+    out[e.first.first].sum +=
+        std::pow(e.second / joint_sigma(rig, solution.samples()[e.first.first], e.first.second), 2);
+  return out;
+}
+
+/// Samples that are larger than chance makes one in a hundred recordings: by what is usual of the
+/// others where that is more than the noise.
+std::vector<char> beyond_chance(const Solution& solution,
+                                const std::map<const View*, Mean>& views) {
+  constexpr double kOneInHundred = 0.01;
+  const std::vector<Mean> squares = sample_squares(solution, views);
+  std::vector<char> out(squares.size(), 0);
+  double usual = std::min(1.0, solution.chi2_per_dof());
+  for (const bool train : {true, false}) {
+    std::vector<double> means;
+    for (size_t i = 0; i < squares.size(); ++i)
+      if (solution.samples()[i].train == train && squares[i].count > 0)
+        means.push_back(squares[i].value());
+    usual = std::max(usual, median(means, 0));
+    for (size_t i = 0; i < squares.size(); ++i)
+      if (solution.samples()[i].train == train && squares[i].count > 0)
+        out[i] = chi2_tail(squares[i].sum / usual, static_cast<double>(squares[i].count)) <
+                 kOneInHundred / static_cast<double>(squares.size());
+  }
+  return out;
 }
 
 }  // namespace
@@ -67,8 +118,10 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
     }
   }
 
+  const std::vector<char> beyond = beyond_chance(solution, views);
   Misfits out;
   for (size_t i = 0; i < solution.samples().size(); ++i) {
+    if (!beyond[i]) continue;
     const Sample& sample = solution.samples()[i];
     std::vector<Misfit> bad;
     double worst = 0;

@@ -7,8 +7,11 @@
 // make outliers of views that have all of it. Likewise a sample's mean squared joint error in
 // sigmas with the median over samples. It sticks out above nine times the usual (three times in
 // size) and above what chance allows, chi2_bound(n) / n. A sample with more than half of its views
-// sticking out, or its joint errors, is named as a sample. After a plain fit that gross outliers
-// have ruined the names may be wrong: calibrate_without_outliers() finds the right ones.
+// sticking out, or its joint errors, is named as a sample. Only samples are looked at whose
+// squares, joint errors included, are larger than chance makes the largest in one of a hundred
+// recordings: where joint errors take up most of what is seen, some views keep all of theirs. After
+// a plain fit that gross outliers have ruined the names may be wrong: calibrate_without_outliers()
+// finds the right ones.
 #pragma once
 
 #include <vector>

@@ -14,7 +14,9 @@ namespace kincal {
 namespace {
 
 constexpr double kLeastRedundancy = 5, kLeastShare = 0.02, kMostUncertain = 0.5;
-constexpr double kLeastFactor = 1e-4;  // of a variance
+constexpr double kLeastFactor = 1e-4;        // of a variance
+const double kGuessSpread = std::log(4.0);   // of a guess, in its logarithm
+const double kJointsDiffer = std::log(2.0);  // noise of joints of one kind, in its logarithm
 
 /// E[w(s) s] / (m E[w(s)]) for s chi-squared with m degrees of freedom, by Simpson's rule over x =
 /// sqrt(s).
@@ -91,6 +93,8 @@ void add_sensors(const EstimationSetup& setup, const Rig& rig, NoiseKinds& kinds
       for (int i = 0; i < part.count; ++i)
         squared += sensor.sigma[part.first + i] * sensor.sigma[part.first + i];
       level.assumed = std::sqrt(squared / part.count);
+      if (!sensor.noise_guess.empty())  // all numbers of a part have the same factor
+        level.guess = level.assumed * sensor.noise_guess[part.first] / sensor.sigma[part.first];
       kinds.levels.push_back(level);
       kinds.sums.emplace_back();
       kinds.sums.back().expected = consistency(setup.loss, sensor.model->rows());
@@ -115,6 +119,7 @@ void add_joints(const Rig& rig, NoiseKinds& kinds) {
     level.unit = rig.tree.joints[j].type == JointType::prismatic ? "m" : "rad";
     level.joint = static_cast<int>(j);
     level.assumed = rig.joints[j].sigma;
+    level.guess = rig.joints[j].noise_guess;
     kinds.levels.push_back(level);
     kinds.sums.emplace_back();
   }
@@ -163,6 +168,7 @@ void add_residuals(const EstimationSetup& setup, const Rig& rig,
     for (int g = first; !kinds.is_priors(g) && kinds.levels[g].sensor == r.view->sensor; ++g) {
       kinds.sums[g].mixed = kinds.sums[g].mixed || mixed;
       kinds.levels[g].own_views += own;
+      if (own || kinds.sums[g].mixed) kinds.levels[g].guess = 0;
     }
   }
 }
@@ -349,7 +355,58 @@ Factors find_factors(const NoiseKinds& kinds, const RowsLeft& left) {
   return out;
 }
 
+/// Levels whose guesses may be off alike.
+bool are_alike(const NoiseLevel& a, const NoiseLevel& b) {
+  return a.joint >= 0 && b.joint >= 0 && a.unit == b.unit && a.part == b.part;
+}
+
+/// Covariance of the guesses' errors, of their logarithms.
+MatrixXd guess_covariance(const NoiseKinds& kinds, const std::vector<int>& guessed) {
+  const auto n = static_cast<Eigen::Index>(guessed.size());
+  MatrixXd out = MatrixXd::Zero(n, n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j < n; ++j)
+      if (const NoiseLevel& a = kinds.levels[guessed[i]], &b = kinds.levels[guessed[j]];
+          i == j || are_alike(a, b))
+        out(i, j) = kGuessSpread * kGuessSpread + (i == j ? kJointsDiffer * kJointsDiffer : 0);
+  return out;
+}
+
+/// A step of scoring for the noise that nobody states, from the present sigmas on: `seen` and
+/// `uncertainty` of these levels.
+void estimate_guessed(NoiseKinds& kinds, const RowsLeft& left) {
+  std::vector<int> guessed;
+  for (int g = 0; !kinds.is_priors(g); ++g)
+    if (kinds.levels[g].guess > 0 && kinds.levels[g].rows > 0) guessed.push_back(g);
+  if (guessed.empty()) return;
+  const auto n = static_cast<Eigen::Index>(guessed.size());
+  const MatrixXd prior =
+      solve_symmetric(guess_covariance(kinds, guessed), MatrixXd::Identity(n, n));
+  VectorXd u(n), score(n), slope(n);
+  MatrixXd information(n, n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const int g = guessed[i];
+    u(i) = std::log(kinds.levels[g].assumed / kinds.levels[g].guess);
+    score(i) = left.q(g) - left.redundancy(g);
+    const double f = std::clamp(left.spread(g), kLeastFactor, 1 / kLeastFactor);
+    slope(i) = std::abs(f - 1) > 1e-6 ? std::sqrt((f - 1) / std::log(f)) : 1;
+    for (Eigen::Index j = 0; j < n; ++j) information(i, j) = 2 * left.s(g, guessed[j]);
+  }
+  const MatrixXd step = slope.asDiagonal() * information * slope.asDiagonal();
+  const VectorXd d = solve_symmetric(step + prior, score - prior * u);
+  const MatrixXd covariance = solve_symmetric(information + prior, MatrixXd::Identity(n, n));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    NoiseLevel& level = kinds.levels[guessed[i]];
+    level.seen = level.assumed * std::exp(d(i));
+    level.uncertainty = std::sqrt(covariance(i, i));
+  }
+}
+
 }  // namespace
+
+std::pair<double, double> NoiseLevel::interval() const {
+  return {used * std::sqrt(std::max(0.0, 1 - 4 * uncertainty)), used * std::exp(2 * uncertainty)};
+}
 
 bool NoiseLevel::differs() const {
   return std::isfinite(seen) && std::abs(seen / assumed - 1) > 0.2 &&
@@ -375,8 +432,10 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, con
     level.uncertainty = factors.uncertainty(g);
     level.seen =
         std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
-    out.push_back(std::move(level));
   }
+  estimate_guessed(kinds, left);
+  for (const NoiseLevel& level : kinds.levels)
+    if (level.rows > 0) out.push_back(level);
   return out;
 }
 

@@ -28,6 +28,18 @@
 // its rows, or would come out with an uncertainty above a half, cannot be estimated: it is held at
 // f = 1 while the others are found. (The most uncertain one first, then the rest again.)
 //
+// Noise that nobody states is estimated with a prior, so that data that determine it little leave
+// it near the guess, and data that do not determine that of one joint give it that of the others.
+// With u_g = ln(sigma_g / guess_g), at the present sigmas (f = 1) the restricted likelihood has
+//     d L / d u_g = q_g - redundancy_g,   information 2 S_gj;
+// the prior is u ~ N(0, K), K = ln(4)^2 [g, j of one kind] + ln(2)^2 [g = j]: the guess may be ten
+// times off, and joints of one kind (turning, sliding; translations, rotations of poses) differ by
+// a factor of two. A step of scoring is
+//     d = (W^1/2 2 S W^1/2 + K^-1)^-1 (q - redundancy - K^-1 u),
+// with W = diag of (f - 1) / ln f, f = q_g / redundancy_g, which makes the step of a level that
+// stands alone the right one, 1/2 ln f, however far off it is. `seen` is the sigma a step further,
+// its uncertainty the posterior's, sqrt((2 S + K^-1)^-1_gg).
+//
 // With a loss rows carry the roots of its weights w, n_g = sum w, and q_g is divided by what it
 // would be for normal noise of the assumed size, b = E[w(s) s] / (m E[w(s)]), s chi-squared of the
 // block's m residuals. A loss whose scale comes from the data has its scale in units of the noise
@@ -39,6 +51,7 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "linearisation.h"
@@ -52,14 +65,17 @@ struct NoiseLevel {
   int sensor = -1, joint = -1;  // index; -1: it is the other
   int first = 0, count = 0;     // of a sensor's sigmas
   double assumed = 0;           // the rig's sigma (several numbers: their root mean square)
-  bool unstated = false;  // `assumed` is what kincal began with: the rig states none, or exact
-  double used = 0;        // the same, unless the noise was estimated: what the result was made with
-  double seen = 0;        // NaN: cannot be estimated
+  double guess = 0;             // what was guessed of a sigma that nobody states; 0: it is stated
+  double used = 0;  // the same, unless the noise was estimated: what the result was made with
+  double seen = 0;  // NaN: cannot be estimated
   double uncertainty = 0;  // standard deviation of `seen`, relative to it; NaN as `seen`
   double redundancy = 0;   // what is left of its rows after fitting
   long rows = 0;           // whitened residuals
   int own_views = 0;  // training views with sigmas of their own: multiply these by seen / assumed
 
+  /// What has the true sigma with 95 %, of noise that nobody states: normal in the variance below
+  /// what was found, where it may be none at all, and in the logarithm above.
+  std::pair<double, double> interval() const;
   /// True if seen and assumed differ by more than 20 % and by more than 3 standard deviations.
   bool differs() const;
 };

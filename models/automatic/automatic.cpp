@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "../../solver/observability.h"
+#include "../analysis/noise_levels.h"
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -22,7 +23,8 @@ namespace {
 
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
-constexpr int kLinearisations = 4, kWidthRounds = 60;
+constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 20;
+constexpr double kNoiseAtRest = 0.02;            // change of noise that nobody states, relative
 constexpr double kContradicted = 3, kDoubt = 5;  // times a stated prior; log evidence for that
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
@@ -189,48 +191,32 @@ std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroup
   return out;
 }
 
-/// The columns that offsets have of joints whose readings are taken for exact.
-std::vector<int> exact_joints(const Recording& recording, const std::vector<Component>& columns) {
-  std::vector<int> out;
-  for (size_t i = 0; i < columns.size(); ++i) {
-    const Parameter& p = recording.table.all[columns[i].parameter];
-    if (p.kind == ParameterKind::joint_offset && recording.rig.joints[p.owner].sigma == 0)
-      out.push_back(static_cast<int>(i));
-  }
-  return out;
-}
-
-/// Score test for errors of readings that are taken for exact. With a sample's whitened residuals
-/// r ~ N(0, 1 + v A A'), A their derivative by the readings, i.e. by the joints' offsets, the
-/// likelihood's derivative by the variance v is at v = 0
-///   1/2 sum over samples of |A' r|^2 - tr A'A,   variance 1/2 tr (A'A)^2.
-/// (Fitted residuals are smaller than r: that makes it smaller, never larger.)
-struct ReadingScore {
-  double score = 0, variance = 0;
-  void add(const MatrixXd& gram, const GroupShape& shape, const std::vector<int>& offsets) {
-    std::vector<Eigen::Index> own;
-    for (size_t i = 0; i < shape.columns.size(); ++i)
-      if (std::binary_search(offsets.begin(), offsets.end(), shape.columns[i]))
-        own.push_back(static_cast<Eigen::Index>(i));
-    for (const Eigen::Index i : own) {
-      score += gram(i, gram.cols() - 1) * gram(i, gram.cols() - 1) - gram(i, i);
-      for (const Eigen::Index j : own) variance += 2 * gram(i, j) * gram(i, j);
-    }
-  }
-  double in_sigmas() const { return variance > 0 ? score / std::sqrt(variance) : 0; }
+/// The data's problem at a fit, without what is assumed.
+struct DataProblem {
+  std::shared_ptr<Estimation> problem;
+  VectorXd state;
 };
 
-/// The data's quadratic model at a fit.
-FitWidths width_problem(const Recording& recording, const Fit& fit, const AutomaticGroups& groups) {
+DataProblem data_problem(const Recording& recording, const Fit& fit,
+                         const AutomaticGroups& groups) {
   EstimationSetup setup = fit.problem->setup();
   setup.priors.clear();
   for (const WidthGroup& group : groups.groups)  // what the fit held counts as well
     for (const Member& m : group.members)
       merge(setup.free, {{m.component.parameter, {m.component.index}}});
-  Estimation data(recording, recording.training(), setup);
-  const VectorXd state = data.pack(fit.values);
-  data.renew(state);
-  data.prepare(state);
+  DataProblem out;
+  out.problem = std::make_shared<Estimation>(recording, recording.training(), setup);
+  out.state = out.problem->pack(fit.values);
+  out.problem->renew(out.state);
+  out.problem->prepare(out.state);
+  return out;
+}
+
+/// Its quadratic model.
+FitWidths width_problem(const Recording& recording, const DataProblem& at, const Fit& fit,
+                        const AutomaticGroups& groups) {
+  Estimation& data = *at.problem;
+  const VectorXd& state = at.state;
   const std::vector<Component>& columns = data.columns();
   const auto n = static_cast<Eigen::Index>(columns.size());
   WidthProblem out{MatrixXd::Zero(n, n),
@@ -239,8 +225,6 @@ FitWidths width_problem(const Recording& recording, const Fit& fit, const Automa
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
                    static_cast<int>(groups.groups.size())};
-  const std::vector<int> exact = exact_joints(recording, columns);
-  ReadingScore score;
   MatrixXd rows;
   long rank = 0;
   for (size_t g = 0; g < data.groups().size(); ++g) {
@@ -254,7 +238,6 @@ FitWidths width_problem(const Recording& recording, const Fit& fit, const Automa
       for (Eigen::Index j = 0; j < m; ++j)
         out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
     }
-    score.add(gram, shape, exact);
   }
   const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
@@ -265,7 +248,7 @@ FitWidths width_problem(const Recording& recording, const Fit& fit, const Automa
     out.start(k) = found->second.second;
     out.at(k) = value_of(recording.table, data.initial(), fit.values.shared, columns[i]);
   }
-  return {std::move(out), columns, score.in_sigmas()};
+  return {std::move(out), columns};
 }
 
 /// What rounds of fits and widths found.
@@ -275,9 +258,60 @@ struct Learned {
   std::vector<Component> columns;
   WidthProblem problem;
   Widths widths;
-  double reading_errors = 0, gears_gain = kNan;
+  double gears_gain = kNan;
   std::vector<UncheckedScale> unchecked;
+  std::shared_ptr<const Recording> recording;  // with the noise that was found
 };
+
+/// The recording with readings of joints between what sees and what is seen as noisy as is guessed
+/// where nobody states that.
+std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, NoiseMode mode) {
+  Rig rig = recording.rig;
+  std::set<std::pair<int, int>> seen;  // sensor, target
+  for (const Sample& sample : recording.samples)
+    for (const View& v : sample.views) seen.insert({v.sensor, v.target});
+  for (const auto& [s, t] : seen) {
+    const Sensor& sensor = rig.sensors[s];
+    const int to = rig.targets[t].link >= 0 ? rig.targets[t].link : rig.base;
+    for (const PathStep& step : find_path(rig.tree, sensor.link, to)) {
+      if (!rig.tree.joints[step.joint].moves() || step.joint == sensor.scanning_joint) continue;
+      JointSettings& joint = rig.joints[driver(rig.tree, step.joint).joint];
+      if (mode == NoiseMode::latent && joint.sigma == 0) joint.sigma = joint.noise_guess;
+    }
+  }
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+/// Moves noise that nobody states towards what the data show of it; returns the largest change, of
+/// a logarithm.
+double find_noise(const DataProblem& at, const WidthProblem& problem, const VectorXd& factor,
+                  std::shared_ptr<const Recording>& recording) {
+  constexpr double kLargest = 5;  // times, in a round
+  const std::vector<JointSettings>& joints = recording->rig.joints;
+  const std::vector<Sensor>& sensors = recording->rig.sensors;
+  if (std::all_of(joints.begin(), joints.end(),
+                  [](const JointSettings& j) { return j.noise_guess == 0; }) &&
+      std::all_of(sensors.begin(), sensors.end(),
+                  [](const Sensor& s) { return s.noise_guess.empty(); }))
+    return 0;
+  const Posterior known = posterior(problem, factor, true);
+  if (!known.defined) return 0;
+  std::vector<NoiseLevel> levels =
+      noise_levels(*at.problem, recording->rig, at.state, known.covariance);
+  double moved = 0;
+  for (NoiseLevel& level : levels) {
+    if (level.guess == 0) {
+      level.seen = kNan;
+      continue;
+    }
+    const double change =
+        std::clamp(std::log(level.seen / level.assumed), -std::log(kLargest), std::log(kLargest));
+    moved = std::max(moved, std::abs(change));
+    level.seen = level.assumed * std::exp(change);
+  }
+  if (moved > 0) recording = make_recording(scale_noise(*recording, levels));
+  return moved;
+}
 
 /// What the gears that were not asked for say at a fit without them: the gain of their group, and
 /// with the boards' squares which lengths nothing checks.
@@ -288,7 +322,7 @@ void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGro
   if (!groups.gears.empty()) {
     AutomaticGroups all = groups;
     all.groups.push_back({"gears", groups.gears, {}});
-    with = width_problem(recording, fit, all);
+    with = width_problem(recording, data_problem(recording, fit, all), fit, all);
     factor.conservativeResize(factor.size() + 1);
     factor(factor.size() - 1) = 1;
     const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
@@ -304,9 +338,10 @@ void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGro
   out.unchecked = unchecked_scales(recording, with, factor, sigma, out.values.shared);
 }
 
-Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticGroups& groups,
+Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroups& groups,
               const AutomaticOptions& options, const Solution& mounts) {
   Learned out;
+  out.recording = make_recording(given);
   out.values = mounts.values;
   EstimationSetup setup;
   setup.noise = options.noise;
@@ -324,7 +359,8 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
       return options.progress("widths", iteration, chi2, damping);
     };
   VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
-  for (int pass = 0; pass < kLinearisations; ++pass) {
+  for (int pass = 0;; ++pass) {
+    const Recording& recording = *out.recording;
     options.tell("widths, round " + std::to_string(pass + 1));
     setup.priors = plan.priors;
     for (Prior& prior : setup.priors) {
@@ -336,21 +372,24 @@ Learned learn(const Recording& recording, const StepPlan& plan, const AutomaticG
     out.outcome = done.summary.outcome;
     if (!done.defined() || out.outcome == Outcome::cancelled) return out;
     out.values = done.values;
-    FitWidths found = width_problem(recording, done, groups);
+    const DataProblem data = data_problem(recording, done, groups);
+    FitWidths found = width_problem(recording, data, done, groups);
     out.columns = std::move(found.columns);
     out.problem = std::move(found.problem);
-    out.reading_errors = found.readings;
     out.widths = learn_widths(out.problem, factor, kWidthRounds);
     if (!out.widths.defined) return out;
     const double change =
         factor.size() ? (out.widths.factor.array() / factor.array()).log().abs().maxCoeff() : 0;
     factor = out.widths.factor;
-    if (change < kSettled || pass + 1 == kLinearisations) {
+    std::shared_ptr<const Recording> next = out.recording;
+    const double moved = find_noise(data, out.problem, factor, next);
+    const bool at_rest = moved < kNoiseAtRest || pass + 1 >= kNoiseRounds;
+    if (at_rest && (change < kSettled || pass + 1 >= kLinearisations)) {
       judge_scales(recording, done, groups, out);
-      break;
+      return out;
     }
+    out.recording = std::move(next);
   }
-  return out;
 }
 
 /// The rig's priors that the data contradict: each a group whose width is learned along with the
@@ -487,6 +526,29 @@ std::vector<Freed> blind_rotations(const Solution& mounts) {
   return out;
 }
 
+/// Gauges of the mounts: one component of each is fixed, where the rig gives its pose as given.
+std::vector<Gauge> fix_gauges(const Recording& recording, const VectorXd& initial,
+                              AutomaticGroups& groups, VectorXd& shared) {
+  std::vector<Freed> poses = groups.mounts, stated;
+  take_away(groups.pointing, poses);
+  for (const Member& m : groups.stated)
+    merge(stated, {{m.component.parameter, {m.component.index}}});
+  take_away(stated, poses);
+  std::vector<Gauge> out = find_gauges(recording, shared, poses);
+  std::vector<Component> columns;
+  std::vector<char> fixed;
+  for (const Freed& pose : poses)
+    for (const int c : pose.components) {
+      columns.push_back({pose.parameter, c});
+      fixed.push_back(std::any_of(out.begin(), out.end(), [&](const Gauge& g) {
+        return g.given && g.fixed == columns.back();
+      }));
+    }
+  for (const Gauge& g : out) merge(groups.pointing, {{g.fixed.parameter, {g.fixed.index}}});
+  put_back(recording.table, initial, columns, fixed, shared);
+  return out;
+}
+
 VectorXd start_factors(const AutomaticGroups& groups) {
   return VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
 }
@@ -544,9 +606,11 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
   return steps_of(recording, groups, start_factors(groups), {});
 }
 
-AutomaticCalibration calibrate_automatically(const Recording& recording,
+AutomaticCalibration calibrate_automatically(const Recording& given,
                                              const AutomaticOptions& options) {
   AutomaticCalibration out;
+  std::shared_ptr<const Recording> now = with_guessed_noise(given, options.noise);
+  const Recording& recording = *now;
   AutomaticGroups groups = groups_of(recording, options);
   if (steps_of(recording, groups, start_factors(groups), {}).empty())
     throw std::invalid_argument(
@@ -567,6 +631,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
     solution = calibrate(at_start(), mounts);
     merge(groups.pointing, blind_rotations(solution));
     turn_back(recording, groups.pointing, solution.initial, solution.values.shared);
+    out.gauges = fix_gauges(recording, solution.initial, groups, solution.values.shared);
   }
   const StepPlan plan = resolve_steps(*at_start(), run).back();
   if (plan.name != kEverything || solution.status == Status::undefined_start ||
@@ -587,7 +652,7 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   for (size_t i = 0; i < holding.held.size(); ++i)
     if (holding.held[i]) held.push_back(learned.columns[i]);
   const std::shared_ptr<const Recording> final =
-      with_steps(recording, steps_of(recording, groups, learned.widths.factor, held));
+      with_steps(*learned.recording, steps_of(recording, groups, learned.widths.factor, held));
   if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, false, true));
   VectorXd start = learned.values.shared;
   put_back(recording.table, solution.initial, learned.columns, holding.held, start);
@@ -621,7 +686,6 @@ AutomaticCalibration calibrate_automatically(const Recording& recording,
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, holding, solution);
   out.mounts = mounts.values.shared;
-  out.reading_errors = learned.reading_errors;
   out.gears_gain = learned.gears_gain;
   out.unchecked = learned.unchecked;
   if (!recording.rig.priors.empty()) out.doubted = doubted_priors(recording, learned);

@@ -4,7 +4,8 @@
 //
 //   1. The mounts alone, from the data where the rig leaves them open.
 //   2. Everything, with the groups' starting widths. The widths are learned at that linearisation,
-//      everything is estimated again, and so on until they stay (two or three times).
+//      everything is estimated again, and so on until they stay (two or three times). So is the
+//      noise of sensors and joints that nobody states (analysis/noise_levels.h).
 //   3. Groups and numbers without evidence are held; what is left is estimated once more: steps
 //      `mounts` and `everything`, which the solution has, with the widths as priors.
 //
@@ -17,6 +18,7 @@
 #include <string>
 #include <vector>
 
+#include "../analysis/gauges.h"
 #include "../calibration/calibration.h"
 #include "groups.h"
 
@@ -55,11 +57,11 @@ struct AutomaticCalibration {
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
   std::vector<DoubtedPrior> doubted;   // priors
   std::vector<UncheckedScale> unchecked;
+  std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::optional<LoneLength> lone;
   std::optional<ArmScale> arm_scale;
-  // Evidence that readings of joints stated exact have errors, in sigmas; and for gears that were
-  // not asked for (their gain; NaN: there are none, or they were).
-  double reading_errors = 0, gears_gain = std::numeric_limits<double>::quiet_NaN();
+  // Evidence for gears that were not asked for (NaN: there are none, or they were).
+  double gears_gain = std::numeric_limits<double>::quiet_NaN();
 };
 
 struct AutomaticOptions : CalibrationOptions {

@@ -17,12 +17,10 @@
 
 namespace kincal {
 
-/// FitWidths are a problem of widths, what its unknowns are, and the score of errors of the
-/// readings.
+/// FitWidths are a problem of widths and what its unknowns are.
 struct FitWidths {
   WidthProblem problem;
   std::vector<Component> columns;
-  double readings = 0;
 };
 
 /// Returns the lengths that nothing checks, at these factors of the groups' widths; gears should be

@@ -2,15 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <numeric>
 #include <optional>
 #include <set>
 #include <utility>
 #include <vector>
 
-#include "../analysis/frames.h"
-#include "../analysis/hand_eye.h"
+#include "../analysis/gauges.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
@@ -50,7 +48,7 @@ std::set<int> poses_on(const Solution& solution, int body) {
 /// True if this body moves against the base and no sensor or target is on a body further out.
 bool is_end(const Rig& rig, int body) {
   const Tree& tree = rig.tree;
-  if (body == body_of(tree, rig.base)) return false;
+  if (body == common_body(rig)) return false;
   std::vector<int> links;
   for (const Sensor& s : rig.sensors) links.push_back(s.link);
   for (const Target& t : rig.targets)
@@ -62,59 +60,6 @@ bool is_end(const Rig& rig, int body) {
     }
     return false;
   });
-}
-
-/// What sees what, a pair for each two bodies (a free target: two sensors that see it). Their
-/// poses' parameters, and between which links they stand.
-std::vector<std::pair<Frame, Frame>> seen_pairs(const Solution& solution) {
-  const Rig& rig = solution.rig();
-  const ParameterTable& table = solution.table();
-  std::map<std::pair<int, int>, std::pair<Frame, Frame>> out;  // by bodies
-  const auto add = [&](const Frame& a, const Frame& b) {
-    out.insert({{body_of(rig.tree, a.link), body_of(rig.tree, b.link)}, {a, b}});
-  };
-  for (const int i : solution.training()) {
-    std::map<int, Frame> free_seen;  // by target: the first sensor
-    for (const View& v : solution.samples()[i].views) {
-      const Frame sensor = {"", rig.sensors[v.sensor].link, table.sensor_pose[v.sensor]};
-      if (const int link = rig.targets[v.target].link; link >= 0)
-        add(sensor, {"", link, table.target_pose[v.target]});
-      else if (const auto first = free_seen.insert({v.target, sensor}); !first.second)
-        add(first.first->second, sensor);
-    }
-  }
-  std::vector<std::pair<Frame, Frame>> pairs;
-  for (const auto& pair : out) pairs.push_back(pair.second);
-  return pairs;
-}
-
-/// Returns J'J of the motions, one against the other, of what sees and what is seen in postures
-/// drawn within the joints' limits (m and rad).
-MatrixXd squared_motions(const Solution& solution, const std::vector<Component>& columns) {
-  constexpr int kPostures = 12;
-  constexpr std::uint64_t kSeed = 1;
-  const Rig& rig = solution.rig();
-  const ParameterTable& table = solution.table();
-  const VectorXd& values = solution.values.shared;
-  Unknowns unknowns;
-  unknowns.columns = columns;
-  const Eigen::Index n = static_cast<Eigen::Index>(columns.size());
-  const std::vector<std::pair<Frame, Frame>> pairs = seen_pairs(solution);
-  MatrixXd motions = MatrixXd::Zero(6 * kPostures * static_cast<Eigen::Index>(pairs.size()), n);
-  Eigen::Index row = 0;
-  for (const Readings& readings : random_postures(rig, kPostures, kSeed))
-    for (const auto& pair : pairs) {
-      auto apart = motions.middleRows<6>(row);
-      for (const auto& [frame, sign] : {std::pair(pair.first, -1.0), std::pair(pair.second, 1.0)}) {
-        MatrixXd moved =
-            frame_derivative(rig, table, values, unknowns, frame, readings).by_unknowns;
-        const Vector3d at = base_T_frame(rig, table, values, frame, readings).translation;
-        moved.topRows<3>() += skew(at) * moved.bottomRows<3>();  // of the point at the base
-        apart += sign * moved;
-      }
-      row += 6;
-    }
-  return motions.transpose() * motions;
 }
 
 /// The unknowns, their second moments, and which of them are choices: columns of numbers of joints
@@ -150,7 +95,7 @@ std::vector<Eigen::Index> choices_among(const Solution& solution,
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](Eigen::Index a, Eigen::Index b) { return rank(a) < rank(b); });
-  MatrixXd left = squared_motions(solution, columns);
+  MatrixXd left = squared_motions(*solution.recording, solution.values.shared, columns);
   const VectorXd whole = left.diagonal();
   for (const Eigen::Index i : order)
     if (left(i, i) > kNegligible * kNegligible * whole(i))
@@ -238,7 +183,7 @@ Untold find_untold(const Report& report) {
   for (const Eigen::Index i : now.numbers) condition(now.left, i);
   Untold out;
   out.sizes = sizes_to_measure(solution, now);
-  const int base = body_of(tree, solution.rig().base);
+  const int base = common_body(solution.rig());
   if (auto zero = free_zero(solution, now, poses_on(solution, base)))
     out.zeros.push_back(std::move(*zero));
   std::set<int> ends;
@@ -275,42 +220,6 @@ JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_
 
 std::string measure_words(const std::string& size) {
   return "measure " + size + " over several fields, write it into the rig, and hold it (`fix`)";
-}
-
-std::string hold_words(const std::string& number) {
-  return "write a pose with what is measured there into the rig, and hold " + number + " (`fix`)";
-}
-
-std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c) {
-  constexpr double kAlong = 0.3;  // a length whose share along the axes is as large
-  const Solution& solution = report.solution;
-  const Rig& rig = solution.rig();
-  if (c > 2) return "";
-  const auto link_of = [&](const ParameterEstimate& pose) {  // -1: it is none of a sensor or target
-    if (!pose.pose || pose.parameter < 0) return -1;
-    const Parameter& p = solution.table().all[pose.parameter];
-    return p.kind == ParameterKind::sensor_pose   ? rig.sensors[p.owner].link
-           : p.kind == ParameterKind::target_pose ? rig.targets[p.owner].link
-                                                  : -1;
-  };
-  std::set<int> links;
-  for (const ParameterEstimate& pose : solution.parameters)
-    if (const int link = link_of(pose); link >= 0) links.insert(link);
-  const std::optional<Vector3d> up = only_turn_of(*solution.recording, links);
-  if (!up) return "";
-  const auto along = [&](const ParameterEstimate& pose, size_t component) {
-    const int link = link_of(pose);
-    if (link < 0) return 0.0;
-    return std::abs(up->dot((turned_at_zero(rig.tree, link) * pose.pose->rotation).col(component)));
-  };
-  if (along(e, c) < kAlong) return "";
-  std::string hold;
-  double most = 0;
-  for (const ParameterEstimate& pose : solution.parameters)
-    for (size_t i = 0; i < 3 && i < pose.sigma.size(); ++i)
-      if (const double now = along(pose, i); pose.freed[i] && now > most + 1e-3)
-        most = now, hold = pose.component_name(i);
-  return hold;
 }
 
 }  // namespace kincal

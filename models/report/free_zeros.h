@@ -11,9 +11,9 @@
 //
 // A choice is a number of a joint that nothing but a prior decides and that moves what is seen
 // against what sees it as the other unknowns do, whatever the posture: with J the motions by all
-// unknowns in postures drawn within the joints' limits, one of which Cholesky's elimination of J'J
-// leaves next to nothing (geometry.h), poses and all that is decided going first. (A joint that
-// hardly moved is no choice: it would be told.) How well poses are known otherwise is their
+// unknowns in postures drawn within the joints' limits (analysis/gauges.h), one of which Cholesky's
+// elimination of J'J leaves next to nothing, poses and all that is decided going first. (A joint
+// that hardly moved is no choice: it would be told.) How well poses are known otherwise is their
 // covariance given the choices.
 #pragma once
 
@@ -57,13 +57,5 @@ JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_
 
 /// Returns what to do about a pose that hangs on a target's size.
 std::string measure_words(const std::string& size);
-
-/// Returns the number of a pose to hold where all turns are about one direction (of a SCARA, a
-/// palletizer) and the given one, known badly, is a length along it: then the heights of what is
-/// mounted at both ends are one number. "": something else.
-std::string height_to_hold(const Report& report, const ParameterEstimate& e, size_t c);
-
-/// Returns what to do about such a number.
-std::string hold_words(const std::string& number);
 
 }  // namespace kincal

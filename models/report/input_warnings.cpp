@@ -265,15 +265,7 @@ size_t distinct_postures(const Recording& recording, Mean& scatter) {
 
 void warn_of_repetition(const Recording& recording, Notices& out) {
   const std::vector<JointSettings>& joints = recording.rig.joints;
-  const size_t samples = recording.training().size(), postures = count_postures(recording);
-  const bool unknown = std::any_of(joints.begin(), joints.end(),
-                                   [](const JointSettings& j) { return j.noise_unknown; });
-  if (unknown && postures < static_cast<size_t>(kFewPoses))
-    out.push_back(make_notice(
-        NoticeKind::few_poses, {},
-        text("%d poses do not tell how noisy they are: %.3g mm and %.3g mrad are taken",
-             static_cast<int>(postures), 1e3 * kFewPosesNoise, 1e3 * kFewPosesNoise),
-        "", text("record at least %d, or state their sigma in the rig (joints)", kFewPoses)));
+  const size_t samples = recording.training().size();
   const bool noisy =
       std::any_of(joints.begin(), joints.end(), [](const JointSettings& j) { return j.sigma > 0; });
   if (!noisy) return;

@@ -21,7 +21,7 @@ std::string doubted_gears(const Report& report) {
     if (group.name == "gears") return "";
   std::string list;
   for (const NoiseLevel& level : report.noise_levels)
-    if (level.joint >= 0 && level.assumed > 0 && level.used >= kNoisy * level.assumed &&
+    if (level.joint >= 0 && level.guess == 0 && level.used >= kNoisy * level.assumed &&
         report.solution.rig().tree.joints[level.joint].has_reading())
       list +=
           (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name + "'";
@@ -35,12 +35,10 @@ std::string level_name(const NoiseLevel& level) {
   return level.of + (level.part.empty() ? "" : " " + level.part);
 }
 
-/// "joint/elbow: 0.0002 rad, stated 0.0001", or that nobody stated it.
-std::string level_text(const Rig& rig, const NoiseLevel& level) {
+/// "joint/elbow: 0.0002 rad, stated 0.0001".
+std::string level_text(const NoiseLevel& level) {
   constexpr double kMostTried = 9.99;
   const std::string value = level_name(level) + text(": %.3g ", level.used) + level.unit;
-  if (level.unstated && rig.joints[level.joint].noise_unknown) return value + ", not stated";
-  if (level.unstated) return value + ", exact in the rig";
   return value + text(", stated %.3g", level.assumed) +
          (std::abs(std::log(level.used / level.assumed)) > std::log(kMostTried)
               ? " (ten times is the most that is tried: state it nearer to what is true)"
@@ -52,19 +50,6 @@ std::string plain_digits(double value) {
   return text("%.*f", std::max(0, 1 - static_cast<int>(std::floor(std::log10(value)))), value);
 }
 
-/// What to write into a rig for the noise of a flange's poses: that of the first of these levels.
-std::string flange_entry(const Rig& rig, const std::vector<NoiseLevel>& levels) {
-  std::string of, sigmas;
-  for (const NoiseLevel& level : levels) {
-    if (level.joint < 0 || !rig.joints[level.joint].noise_unknown) continue;
-    if (!of.empty() && level.of != of) continue;
-    of = level.of;
-    sigmas += (sigmas.empty() ? "" : ", ") + level.part + ": " + plain_digits(level.used);
-  }
-  return "Where the noise of the poses is known, state it: joints: {" +
-         of.substr(of.find('/') + 1) + ": {sigma: {" + sigmas + "}}}";
-}
-
 /// Joints that the data show to be noisier than one factor for all sigmas makes them, with what is
 /// seen: only sensors have been stated too noisy then, and what the joints decide is known less
 /// well than it is said.
@@ -72,7 +57,7 @@ std::vector<std::string> noisier_joints(const Report& report) {
   constexpr double kNoisier = 2;
   std::vector<std::string> joints;
   for (const NoiseLevel& level : report.noise_levels)
-    if (level.joint >= 0 && level.seen > kNoisier * level.used)
+    if (level.joint >= 0 && level.guess == 0 && level.seen > kNoisier * level.used)
       joints.push_back(level_name(level) + text(" (%.2g ", level.seen) + level.unit + ")");
   return joints;
 }
@@ -90,6 +75,7 @@ std::string noisier_joints_text(const Report& report) {
 std::pair<double, double> used_shares(const Report& report) {
   std::pair<double, double> out{kInfinity, 0};
   for (const NoiseLevel& level : report.noise_levels) {
+    if (level.guess > 0) continue;
     const double share = level.used / level.assumed;
     out = {std::min(out.first, share), std::max(out.second, share)};
   }
@@ -102,8 +88,8 @@ std::string beyond_repeating(const Report& report) {
   constexpr double kRepeats = 2e-4;  // m, rad
   std::string out;
   for (const NoiseLevel& level : report.noise_levels)
-    if (level.unstated && level.joint >= 0 &&
-        report.solution.rig().joints[level.joint].noise_unknown && level.used > kRepeats)
+    if (level.guess > 0 && level.joint >= 0 &&
+        report.solution.rig().tree.joints[level.joint].floating >= 0 && level.used > kRepeats)
       out += (out.empty() ? "" : " and ") + text("%.2g m", 1e3 * level.used) + level.unit;
   return out;
 }
@@ -113,7 +99,7 @@ bool any_stated_is_larger(const Report& report) {
   constexpr double kLarger = 1.1;
   return std::any_of(report.noise_levels.begin(), report.noise_levels.end(),
                      [](const NoiseLevel& level) {
-                       return !level.unstated && level.used > kLarger * level.assumed;
+                       return level.guess == 0 && level.used > kLarger * level.assumed;
                      });
 }
 
@@ -126,7 +112,7 @@ bool taken_for_noise(const Report& report) {
 std::string noisiest_words(const Report& report) {
   const NoiseLevel* worst = nullptr;
   for (const NoiseLevel& l : report.noise_levels)
-    if (!l.unstated && l.used > l.assumed &&
+    if (l.guess == 0 && l.used > l.assumed &&
         (!worst || l.used * worst->assumed > worst->used * l.assumed))
       worst = &l;
   return worst ? text(". Furthest off is %s (%.2g times)", worst->of.c_str(),
@@ -136,46 +122,16 @@ std::string noisiest_words(const Report& report) {
 
 /// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
 std::string stated_noise_text(const Report& report, Subjects& where) {
-  const Rig& rig = report.solution.rig();
-  std::vector<NoiseLevel> unstated;
   std::string all;
   const auto [least, most] = used_shares(report);
-  bool stated = false;  // one of those that are
   for (const NoiseLevel& level : report.noise_levels) {
-    const double factor = level.used / level.assumed;
-    const bool of_poses = level.unstated && rig.joints[level.joint].noise_unknown,
-               unknown = of_poses && std::isfinite(level.seen);
-    if (of_poses) unstated.push_back(level);
-    if (factor == 1 && !unknown) continue;
-    stated = stated || !unknown;
+    if (level.guess > 0 || level.used == level.assumed) continue;
     where.push_back({Subject::Kind::part, level_name(level)});
-    all += (all.empty() ? "" : "; ") + level_text(rig, level);
+    all += (all.empty() ? "" : "; ") + level_text(level);
   }
+  if (all.empty()) return "";
   const std::string begin =
       text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
-  if (all.empty()) {
-    std::vector<std::string> exact;
-    for (const NoiseLevel& level : report.noise_levels)
-      if (level.unstated) {
-        exact.push_back(level_name(level) + text(" (%.3g ", level.used) + level.unit + ")");
-        where.push_back({Subject::Kind::part, level_name(level)});
-      }
-    if (exact.empty()) return "";
-    return begin + ". Readings that the rig states exact explain the data better as noisy: " +
-           listed(exact, kNamed) +
-           ", kincal's own assumption; the rig of the result has them so. State what you know of "
-           "them in the rig: joints";
-  }
-  if (!stated)
-    return "the rig does not state how noisy the robot's poses are, so that was found from the "
-           "data, and the rig of the result has it so: " +
-           all +
-           (beyond_repeating(report).empty()
-                ? ". Is that plausible? "
-                : ". Robots repeat better than that: if it is not noise but the robot's own "
-                  "inaccuracy (zeros of its joints, lengths), more poses do not average it out, "
-                  "and the sigmas of the result are too small. ") +
-           flange_entry(rig, unstated);
   if (most < 1 && most < kOneFactor * least)
     return begin +
            text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
@@ -191,7 +147,30 @@ std::string stated_noise_text(const Report& report, Subjects& where) {
               : begin) +
          ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
          "result has them so. Are they plausible? " +
-         all + (unstated.empty() ? "" : ". " + flange_entry(rig, unstated)) + doubted_gears(report);
+         all + doubted_gears(report);
+}
+
+/// Noise that nobody states, as it was found: each level with the interval that has it with 95 %.
+std::string guessed_noise_text(const Report& report, Subjects& where) {
+  std::vector<std::string> all;
+  for (const NoiseLevel& level : report.noise_levels) {
+    if (level.guess == 0) continue;
+    const auto [low, high] = level.interval();
+    where.push_back({Subject::Kind::part, level_name(level)});
+    all.push_back(level_name(level) + text(" %.2g ", level.used) + level.unit +
+                  text(" (%.2g to %.2g)", low, high));
+  }
+  return all.empty() ? ""
+                     : "the rig does not state the noise, so it was found from the data: " +
+                           listed(all, kNamed);
+}
+
+/// A level that came out so much larger than such noise is that it is hardly noise; null: none.
+const NoiseLevel* beyond_noise(const Report& report) {
+  constexpr double kLargest = 30;  // times the guess: 6 px, 6 mrad
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.guess > 0 && level.used > kLargest * level.guess) return &level;
+  return nullptr;
 }
 
 bool is_kept(const NoiseLevel& level) { return std::isnan(level.seen) && level.assumed > 0; }
@@ -323,7 +302,7 @@ void warn_of_quiet_joints(const Report& report, Notices& out) {
   std::vector<std::string> joints;
   Subjects where;
   for (const NoiseLevel& level : report.noise_levels) {
-    if (level.joint < 0 || level.unstated || level.used != level.assumed || !level.differs() ||
+    if (level.joint < 0 || level.guess > 0 || level.used != level.assumed || !level.differs() ||
         !(kNoisy * level.seen < level.assumed))
       continue;
     where.push_back({Subject::Kind::part, level_name(level)});
@@ -340,7 +319,30 @@ void warn_of_quiet_joints(const Report& report, Notices& out) {
       "state what is seen, or have the noise estimated (`estimate_noise`), and calibrate again"));
 }
 
+void warn_of_guessed_noise(const Report& report, Notices& out) {
+  Subjects where;
+  std::string found = guessed_noise_text(report, where);
+  if (found.empty()) return;
+  Notice notice = make_notice(NoticeKind::noise, std::move(where), std::move(found));
+  if (const NoiseLevel* level = beyond_noise(report)) {
+    notice.severity = Severity::doubt;
+    notice.what =
+        level_name(*level) + text(" is %.2g ", level->used) + level->unit +
+        text(" off, %.0f times what is usual, if that is noise; ", level->used / level->guess) +
+        notice.what;
+    notice.cure =
+        "state the noise in the rig if it is that large; else look for a mistake (`check`)";
+  } else if (const std::string by = beyond_repeating(report); !by.empty()) {
+    notice.why =
+        "robots repeat better than that: if it is not noise but the robot's own inaccuracy (zeros "
+        "of its joints, lengths), more poses do not average it out, and the sigmas of the result "
+        "are too small";
+  }
+  out.push_back(std::move(notice));
+}
+
 void warn_of_noise(const Report& report, Notices& out) {
+  warn_of_guessed_noise(report, out);
   if (!report.noise_estimated) return;
   std::vector<std::string> all;
   Subjects where;

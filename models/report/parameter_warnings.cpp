@@ -104,6 +104,26 @@ void warn_of_movements(const Solution& solution, Notices& out) {
       out);
 }
 
+void warn_of_gauges(const Report& report, Notices& out) {
+  const ParameterTable& table = report.solution.table();
+  std::vector<std::string> fixed;
+  std::vector<Case> cases;
+  for (const Gauge& gauge : report.gauges) {
+    std::vector<std::string> with;
+    for (const Component& c : gauge.with) with.push_back(table.name(c));
+    fixed.push_back(table.name(gauge.fixed));
+    cases.push_back({Subject::parameter(fixed.back()),
+                     "no posture tells " + fixed.back() + " from " + listed(with, kNamed) +
+                         (gauge.given ? ": it is kept as the rig has it"
+                                      : ": it is kept where the search for a start put it")});
+  }
+  warn(NoticeKind::gauge, "parameters are free choices", std::move(cases),
+       "nothing that is measured depends on the choice; if the others are to be right in the room, "
+       "measure " +
+           listed(fixed, kNamed) + " and write the pose into the rig",
+       out);
+}
+
 namespace {
 
 /// Whether one of the parameters so far from their priors is more than the worst of so many by
@@ -150,16 +170,11 @@ LooseComponent loosest(const Report& report) {
 }
 
 /// Says why the worst of these is known so badly, and what to do.
-void explain_loose(const Report& report, const ParameterEstimate& e, size_t c,
-                   const std::string& size, Notice& out) {
+void explain_loose(const Report& report, const ParameterEstimate& e, const std::string& size,
+                   Notice& out) {
   const MotionLack lack =
       out.severity == Severity::fault ? motion_lack(*report.solution.recording) : MotionLack();
-  if (const std::string height = height_to_hold(report, e, c); !height.empty()) {
-    out.why =
-        "all that moves turns about one direction only, so along it the places of what is "
-        "mounted at the base and at the other end are one parameter, which no posture tells";
-    out.cure = hold_words(height);
-  } else if (!size.empty()) {
+  if (!size.empty()) {
     out.why = "the data do not determine " + size;
     out.cure = measure_words(size);
   } else if (!lack.why.empty()) {
@@ -211,7 +226,7 @@ std::optional<Notice> loose_parameters(const Report& report) {
       notice_of(NoticeKind::sigma, "parameters are known to no better than 1 cm or 1 degree",
                 std::move(sigmas));
   if (loose.pose) out.severity = Severity::fault;
-  explain_loose(report, *worst.parameter, worst.component, worst.of, out);
+  explain_loose(report, *worst.parameter, worst.of, out);
   return out;
 }
 

@@ -20,6 +20,8 @@ bool hangs_on_a_size(const Report& report);
 /// (What the zero of the first or last joint decides does not count: free_zeros.h.)
 std::optional<Notice> loose_parameters(const Report& report);
 /// Warns of numbers far from their priors, and of poses that are hardly known.
+/// What no posture tells and the automatic path fixed.
+void warn_of_gauges(const Report& report, Notices& out);
 void warn_of_parameters(const Report& report, Notices& out);
 
 }  // namespace kincal

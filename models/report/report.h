@@ -72,6 +72,7 @@ struct Report {
   double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
   std::vector<DoubtedPrior> doubted;      // priors of such a rig that the data contradict
   std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
+  std::vector<Gauge> gauges;              // of mounts, that the automatic path fixed
   std::optional<LoneLength> lone;         // length of such a rig that may be wrong alone
   std::optional<ArmScale> arm_scale;      // of such a rig
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly

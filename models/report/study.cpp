@@ -9,6 +9,7 @@
 #include "../../kinematics/floating.h"
 #include "../analysis/linearisation.h"
 #include "../doctor/plausibility.h"
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
 #include "../rig/words.h"
@@ -26,10 +27,7 @@ namespace {
 struct StudyCancelled {};
 
 // Noise on the automatic path.
-constexpr double kStatedExact = 1e-4;  // sigma that joints stated exact begin with, rad or m
-constexpr double kReadingErrors = 5;   // sigmas of their score, above which joints are not exact
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
-constexpr double kUnstatedFactor = 100;  // as kLargestFactor, of poses without a stated noise
 constexpr int kNoiseRounds = 4;
 constexpr double kLooksResized = 0.5;  // share of a mistake from which a length is looked for
 
@@ -138,8 +136,9 @@ Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solutio
 
 /// Whether residuals are as large as the noise, or as they may be by chance.
 bool of_stated_size(const Solution& solution) {
-  const double ratio = solution.chi2_per_dof(), by_chance = 4 * std::sqrt(2 / solution.dof_data);
-  return (ratio > 0.8 && ratio < 1.25) || !(std::abs(ratio - 1) > by_chance);
+  const double ratio = solution.chi2_per_dof();
+  return !(solution.dof_data > 0) || (ratio > 0.8 && ratio < 1.25) ||
+         !(std::abs(chi2_deviate(solution.chi2_data, solution.dof_data)) > 4);
 }
 
 /// Whether a mistake explains the data, but for noise, or clearly and but for as much as the
@@ -156,6 +155,11 @@ bool explains_all(const Diagnosis& diagnosis) {
   return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Notice& f) {
     return can_spoil_the_fit(f.kind) && explains(f, diagnosis.dof);
   });
+}
+
+bool finds_a_mistake(const Diagnosis& diagnosis) {
+  return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(),
+                     [](const Notice& f) { return can_spoil_the_fit(f.kind); });
 }
 
 /// What the automatic path frees may take a mistake up, or part of another: mistakes are looked for
@@ -200,43 +204,18 @@ void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, R
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
-/// The rig with joints that are stated exact taken for noisy.
-Rig with_noisy_joints(const Recording& recording, double sigma = kStatedExact) {
-  Rig out = recording.rig;
-  std::vector<char> scans(out.joints.size(), 0);
-  for (const Sensor& sensor : out.sensors)
-    if (sensor.scanning_joint >= 0) scans[sensor.scanning_joint] = 1;
-  for (size_t j = 0; j < out.joints.size(); ++j)
-    if (recording.table.joint_offset[j] >= 0 && !scans[j] && out.joints[j].sigma == 0 &&
-        out.tree.joints[j].axis_of_pose != PoseAxis::reading)
-      out.joints[j].sigma = sigma;
-  return out;
+bool is_guessed(const Rig&, const NoiseLevel& level) { return level.guess > 0; }
+
+bool guesses_noise(const Rig& rig) {
+  return std::any_of(rig.sensors.begin(), rig.sensors.end(),
+                     [](const Sensor& s) { return !s.noise_guess.empty(); }) ||
+         std::any_of(rig.joints.begin(), rig.joints.end(),
+                     [](const JointSettings& j) { return j.noise_guess > 0 && j.sigma > 0; });
 }
 
-/// Whether a level is that of poses of which no noise is stated.
-bool is_unknown(const Rig& rig, const NoiseLevel& level) {
-  return level.joint >= 0 && rig.joints[level.joint].noise_unknown;
-}
-
-/// Poses of which the data do not tell the noise have less than was tried: they begin with less;
-/// true: some do.
-bool lower_unknown(const std::vector<NoiseLevel>& levels, Rig& rig) {
-  bool any = false;
-  for (const NoiseLevel& level : levels) {
-    if (!is_unknown(rig, level) || std::isfinite(level.seen)) continue;
-    for (int j : same_noise(rig.tree, level.joint)) rig.joints[j].sigma = kUnknownPoseNoise / 10;
-    any = true;
-  }
-  return any;
-}
-
-/// Few poses do not tell how noisy they are: more noise than is usual is assumed then, and said.
-std::shared_ptr<const Recording> with_few_poses(const std::shared_ptr<const Recording>& given) {
-  Rig rig = given->rig;
-  bool any = false;
-  for (JointSettings& joint : rig.joints)
-    if (joint.noise_unknown && has_few_poses(*given)) joint.sigma = kFewPosesNoise, any = true;
-  return any ? make_recording(given->with_rig(std::move(rig))) : given;
+/// In the other modes that of sensors is mixed with that of joints.
+bool can_estimate_noise(const CalibrationOptions& options) {
+  return options.noise == NoiseMode::latent || options.noise == NoiseMode::none;
 }
 
 double first_sigma(const Rig& rig, const NoiseLevel& level) {
@@ -252,8 +231,8 @@ double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
   for (NoiseLevel& level : levels) {
     const double first = first_sigma(stated, level), before = first_sigma(between, level),
                  now = first_sigma(estimated, level);
-    const double largest = is_unknown(stated, level) ? kUnstatedFactor : kLargestFactor,
-                 factor = std::clamp(now / first, 1 / largest, largest);
+    const double factor =
+        level.guess > 0 ? now / first : std::clamp(now / first, 1 / kLargestFactor, kLargestFactor);
     moved = std::max(moved, std::abs(std::log(factor * first / before)));
     level.assumed *= first / before;
     level.used = level.assumed * factor;
@@ -267,6 +246,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.gears_gain = found.gears_gain;
   report.doubted = std::move(found.doubted);
   report.unchecked = std::move(found.unchecked);
+  report.gauges = std::move(found.gauges);
   report.lone = std::move(found.lone);
   report.arm_scale = std::move(found.arm_scale);
   report.mounts = std::move(found.mounts);
@@ -287,32 +267,19 @@ bool calibrate_with(const Recording& stated, std::vector<NoiseLevel> levels,
 }
 
 /// Residuals larger than stated: levels of joints and sensors together (else the sensors take up
-/// what all corners of a view share). `unknown_only`: of poses without a stated noise alone.
+/// what all corners of a view share).
 void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                       const Rig& given, NoiseRounds rounds, bool unknown_only, Report& report) {
+                       NoiseRounds rounds, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
-  Rig noisy = unknown_only ? first->rig : with_noisy_joints(*first);
-  if (unknown_only)  // beside the sensors' a guess that is far too small cannot be told
-    for (JointSettings& joint : noisy.joints)
-      if (joint.noise_unknown) joint.sigma *= std::sqrt(std::max(1.0, rounds.stated));
-  std::shared_ptr<const Recording> recording = make_recording(first->with_rig(noisy));
+  std::shared_ptr<const Recording> recording = first;
   for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
-    std::optional<NoiseEstimate> estimate =
-        estimate_noise(recording, calibration, unknown_only ? is_unknown : nullptr);
+    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
     if (!estimate) throw StudyCancelled();
     if (!estimate->solution.usable()) return;
     rounds.count += estimate->rounds;
-    for (NoiseLevel& level : estimate->levels)
-      level.unstated =
-          level.joint >= 0 && (is_unknown(noisy, level) || given.joints[level.joint].sigma == 0);
-    if (round == 0 && lower_unknown(estimate->levels, noisy)) {
-      recording = make_recording(first->with_rig(noisy));
-      continue;
-    }
     const double moved =
-        bound_levels(noisy, recording->rig, estimate->solution.rig(), estimate->levels);
-    if (!calibrate_with(first->with_rig(noisy), std::move(estimate->levels), options, report))
-      return;
+        bound_levels(first->rig, recording->rig, estimate->solution.rig(), estimate->levels);
+    if (!calibrate_with(*first, std::move(estimate->levels), options, report)) return;
     rounds.converged = moved < kLevelsAtRest;
     report.noise_estimated = rounds;
     recording = report.solution.recording;
@@ -335,64 +302,22 @@ void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report&
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
 /// that: everything again with noise of the size that they have.
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                const Rig& given, double reading_errors, Report& report) {
+                Report& report) {
   const double ratio = report.solution.chi2_per_dof();
-  const bool as_stated = of_stated_size(report.solution) && reading_errors < kReadingErrors;
-  const std::vector<JointSettings>& joints = report.solution.rig().joints;
-  const bool unknown =
-      std::any_of(joints.begin(), joints.end(),
-                  [](const JointSettings& joint) { return joint.noise_unknown; }) &&
-      !has_few_poses(*report.solution.recording);
-  if (!report.solution.usable() || (as_stated && !unknown) || (ratio > kMistaken && !unknown) ||
-      options.estimate_noise ||
-      (calibration.noise != NoiseMode::latent && calibration.noise != NoiseMode::none))
+  if (!report.solution.usable() || of_stated_size(report.solution) || ratio > kMistaken ||
+      options.estimate_noise || !can_estimate_noise(calibration))
     return;
-  if (options.diagnose && !as_stated) {
+  if (options.diagnose) {
     add_diagnosis(*report.solution.recording, options, report);
-    const Notices& findings = report.diagnosis->findings;
-    if (std::any_of(findings.begin(), findings.end(),
-                    [](const Notice& f) { return can_spoil_the_fit(f.kind); }))
-      return;
+    if (finds_a_mistake(*report.diagnosis)) return;
     report.diagnosis.reset();
   }
   NoiseRounds rounds;
   rounds.stated = ratio;
-  if (unknown) {  // how much larger than guessed residuals are says nothing of what is stated
-    Report before = report;
-    find_larger_noise(options, calibration, given, rounds, true, report);
-    if (as_stated || (report.noise_estimated && of_stated_size(report.solution))) return;
-    report = std::move(before);
-  }
-  if (ratio < 1 && reading_errors < kReadingErrors && !unknown)
+  if (ratio < 1)
     find_smaller_noise(options, rounds, report);
   else
-    find_larger_noise(options, calibration, given, rounds, false, report);
-}
-
-/// How many times wider than usual the lengths of an arm came out: the worst group of them.
-double widest_lengths(const AutomaticCalibration& found) {
-  double out = 0;
-  for (const AutomaticGroup& g : found.groups)
-    if (g.name.rfind("lengths", 0) == 0) out = std::max(out, g.factor);
-  return out;
-}
-
-/// The automatic path. Readings that are stated exact and are not may bend an arm, or shrink arm
-/// and boards together, for errors in metres, of a grip, are the smaller for it. Where lengths come
-/// out unusually wide and less than half so with noisy readings, these are taken: `reading_errors`
-/// is infinite then, and their levels are to be found.
-AutomaticCalibration calibrate_unbent(const Recording& recording, const StudyOptions& options) {
-  AutomaticCalibration found = calibrate_automatically(recording, automatic_options(options));
-  const double wide = widest_lengths(found);
-  if (found.solution.status == Status::cancelled || !(wide > kUnusualWidth)) return found;
-  AutomaticCalibration noisy =
-      calibrate_automatically(recording.with_rig(with_noisy_joints(recording, 10 * kStatedExact)),
-                              automatic_options(options));
-  if (noisy.solution.status != Status::cancelled &&
-      (!noisy.solution.usable() || !(widest_lengths(noisy) < 0.5 * wide)))
-    return found;
-  noisy.reading_errors = kInfinity;
-  return noisy;
+    find_larger_noise(options, calibration, rounds, report);
 }
 
 /// A message of each group that was asked for by name and is held, or is among the usual ones.
@@ -435,22 +360,23 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (ended(report.solution)) return recording;
   }
   if (automatic) {
-    left = with_few_poses(left);
-    AutomaticCalibration found = calibrate_unbent(*left, options);
-    const double reading_errors = found.reading_errors;
-    take(std::move(found), report);
+    take(calibrate_automatically(*left, automatic_options(options)), report);
     solved = true;
     if (ended(report.solution)) return recording;
-    find_noise(options, calibration, left->rig, reading_errors, report);
+    find_noise(options, calibration, report);
     say_groups_without_effect(options.groups, report);
     left = report.solution.recording;
   }
-  if (options.estimate_noise) {
-    std::optional<NoiseEstimate> estimate = estimate_noise(left, calibration);
+  const bool guessed = !automatic && guesses_noise(left->rig) && can_estimate_noise(calibration);
+  if (options.estimate_noise || guessed) {
+    std::optional<NoiseEstimate> estimate =
+        estimate_noise(left, calibration, options.estimate_noise ? nullptr : is_guessed);
     if (!estimate) throw StudyCancelled();
     report.solution = std::move(estimate->solution);
-    report.noise_levels = std::move(estimate->levels);
-    report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
+    if (options.estimate_noise) {
+      report.noise_levels = std::move(estimate->levels);
+      report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
+    }
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
     if (automatic && report.solution.usable())  // what may be wrong is to be learned with these
@@ -464,9 +390,27 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
 /// What cross-validation is made of: the samples as given, with the sigmas of the result.
 std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const Report& report) {
   std::vector<NoiseLevel> levels = report.noise_levels;
-  for (NoiseLevel& level : levels) level.seen = level.used;
-  return make_recording((report.noise_estimated ? scale_noise(given, levels) : given)
-                            .with_rig(report.solution.rig()));
+  for (NoiseLevel& level : levels) {
+    level.seen = level.used;
+    if (level.guess > 0) level.assumed = level.guess;
+  }
+  return make_recording(scale_noise(given, levels).with_rig(report.solution.rig()));
+}
+
+/// How many times larger than guessed noise came out that nobody states, squared: as chi2/dof would
+/// be with the guess.
+double beyond_guess(const Report& report) {
+  double out = 1;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.guess > 0) out = std::max(out, std::pow(level.used / level.guess, 2));
+  return out;
+}
+
+/// The samples of the solution, noise that nobody states as it was guessed, with the rig as given.
+Recording as_guessed(const Report& report, const Rig& given) {
+  std::vector<NoiseLevel> levels = report.noise_levels;
+  for (NoiseLevel& level : levels) level.seen = level.guess > 0 ? level.guess : kNan;
+  return scale_noise(*report.solution.recording, levels).with_rig(given);
 }
 
 /// Held-out errors and cross-validation; on the automatic path of simpler calibrations, too: of the
@@ -575,6 +519,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     const bool whole = options.calibration.last_step.empty(),
                badly = solution.status != Status::converged ||
                        solution.chi2_data > kUnexplained * solution.dof_data;
+    const double noise = beyond_guess(report);  // with a guess a mistake looks like noise
     // (Where a pose that nobody gave is held in part, that is why: other mistakes cannot be told.)
     const std::optional<Notice> held =
         badly && recording->rig.steps.empty() ? counts_from_identity(solution) : std::nullopt;
@@ -582,14 +527,16 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
       report.solution.message =
           sentences(*held) + ". So no calibration can start: " + report.solution.message;
     if (!held &&
-        (options.diagnose ? badly
-                          : whole && solution.usable() && data_misfit(report) > kMistaken) &&
+        (options.diagnose
+             ? badly || noise > kUnexplained
+             : whole && solution.usable() && std::max(data_misfit(report), noise) > kMistaken) &&
         !report.diagnosis) {
-      const Recording used = undefined ? *given : solution.recording->with_rig(given->rig);
+      const Recording used = undefined ? *given : as_guessed(report, given->rig);
       if (recording->rig.steps.empty())
         look_with_less_free_first(recording->rig, used, options, report);
       else
         add_diagnosis(used, options, report);
+      if (!badly && !finds_a_mistake(*report.diagnosis)) report.diagnosis.reset();
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
       look_for_what_was_taken_up(recording->rig, options, report);
     }

@@ -25,12 +25,12 @@ constexpr size_t kShown = kNamed;
 constexpr double kFitsWell = 5;  // chi2/dof, of a step that did not converge
 
 /// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
-/// more, and by four of its standard deviations, sqrt(2/dof).
+/// more, and by as much as chance makes it once in 30,000.
 bool exceeds(double ratio, double dof) {
-  return dof > 0 && ratio > std::max(1.25, 1 + 4 * std::sqrt(2 / dof));
+  return dof > 0 && ratio > 1.25 && chi2_deviate(ratio * dof, dof) > 4;
 }
 bool falls_short(double ratio, double dof) {
-  return dof > 0 && ratio < std::min(0.8, 1 - 4 * std::sqrt(2 / dof));
+  return dof > 0 && ratio < 0.8 && chi2_deviate(ratio * dof, dof) < -4;
 }
 
 constexpr char kLookOrLeaveOut[] = "look at what was recorded there, or leave it out";
@@ -278,7 +278,7 @@ void warn_of_joint_errors(const Solution& solution, Notices& out) {
 void warn_of_joint_noise(const Report& report, Notices& out) {
   std::vector<const NoiseLevel*> noisy;
   for (const NoiseLevel& level : report.noise_levels)
-    if (level.joint >= 0 && level.used == level.assumed && level.differs() &&
+    if (level.joint >= 0 && level.guess == 0 && level.used == level.assumed && level.differs() &&
         level.seen >= kNoisy * level.assumed)
       noisy.push_back(&level);
   std::stable_sort(noisy.begin(), noisy.end(), [](const NoiseLevel* a, const NoiseLevel* b) {
@@ -486,6 +486,7 @@ Notices warnings(const Report& report) {
   warn_of_rescaled(report, out);
   warn_of_scales(report, out);
   warn_of_parameters(report, out);
+  warn_of_gauges(report, out);
   warn_of_joint_models(report.solution, out);
   if (report.outliers.empty()) {
     warn_of_misfits(NoticeKind::outlier_sample, Subject::Kind::sample, report.misfits.samples, out);

@@ -94,11 +94,4 @@ inline size_t count_postures(const Recording& recording) {
   return readings.size();
 }
 
-/// Poses of which fewer are there do not tell how noisy they are; what is assumed then, m and rad.
-constexpr int kFewPoses = 8;
-constexpr double kFewPosesNoise = 1e-3;
-inline bool has_few_poses(const Recording& recording) {
-  return count_postures(recording) < static_cast<size_t>(kFewPoses);
-}
-
 }  // namespace kincal

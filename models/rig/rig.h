@@ -17,8 +17,9 @@
 
 namespace kincal {
 
-/// What the errors of a floating joint's poses begin with where their noise is unknown, m and rad.
-constexpr double kUnknownPoseNoise = 3e-4;
+/// Guesses of noise that nobody states: of a floating joint's poses (m and rad), of readings of
+/// joints that turn (rad) and that slide (m).
+constexpr double kGuessedPoseNoise = 3e-4, kGuessedTurnNoise = 2e-4, kGuessedSlideNoise = 1e-4;
 
 struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
@@ -26,8 +27,8 @@ struct JointSettings {
   std::shared_ptr<const JointModel> model = linear_joint();
   std::vector<double> further = {};  // initial values of its further numbers; of those that are
                                      // missing the model's own (further_numbers())
-  bool noise_unknown = false;        // of a floating joint's errors: no sigma is stated, the
-                                     // automatic path finds it out
+  double noise_guess = 0;  // nobody states the noise: the automatic path estimates it, from this
+                           // on; 0: it is stated
 };
 
 struct Target {
@@ -58,6 +59,8 @@ struct Sensor {
   std::shared_ptr<const SensorModel> model;
   std::vector<ParameterBlock> parameters;
   std::vector<double> sigma;              // model->sigmas() numbers
+  std::vector<double> noise_guess;        // nobody states the noise: it is estimated, from these
+                                          // on; empty: it is stated
   int scanning_joint = -1;                // of a scanning sensor
   int image_width = 0, image_height = 0;  // of a camera, 0: unknown
 };

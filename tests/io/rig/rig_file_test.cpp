@@ -1048,7 +1048,7 @@ sensors: {tracker: {type: point, link: base, sigma: 0.0001}}
   CHECK(file.rig.joints[7].sigma == 0.0001);
   CHECK(file.rig.joints[10].sigma == 0.0002);
   CHECK(file.rig.joints[1].sigma == 0);
-  CHECK_FALSE(file.rig.joints[7].noise_unknown);
+  CHECK(file.rig.joints[7].noise_guess == 0);
   // Nothing of it can be freed, and no name means its axes.
   for (const std::string& name : ParameterTable(file.rig).names())
     CHECK_THAT(name, !Contains("flange"));
@@ -1080,8 +1080,41 @@ sensors: {tracker: {type: point, link: base, sigma: 0.0001}}
   // No sigma: unknown, not exact.
   place.write("rig.yaml", without);
   const RigFile unknown = read_rig(place.rig);
-  CHECK(unknown.rig.joints[7].noise_unknown);
-  CHECK(unknown.rig.joints[7].sigma == kUnknownPoseNoise);
+  CHECK(unknown.rig.joints[7].noise_guess == kGuessedPoseNoise);
+  CHECK(unknown.rig.joints[7].sigma == kGuessedPoseNoise);
+}
+
+TEST_CASE("rig: {guess: ...} states no noise, and what was found replaces it") {
+  const Place place;
+  const auto with = [&](const std::string& joints, const std::string& sigma) {
+    place.write("rig.yaml", "format: kincal/1\nrobot: {base: base, flange: tool0}\n" + joints +
+                                "targets: {dot: {type: points, points: [[0, 0, 0]], mount: {link: "
+                                "base}}}\nsensors: {cam: {type: pose, link: tool0, sigma: " +
+                                sigma + "}}\n");
+    return read_rig(place.rig);
+  };
+  const std::string joints =
+      "joints: {flange: {sigma: {guess: {translation: 0.0004, rotation: 0.0005}}}}\n";
+  const RigFile file = with(joints, "{guess: {translation: 0.002, rotation: 0.003}}");
+  CHECK(file.rig.joints[7].noise_guess == 0.0004);
+  CHECK(file.rig.joints[10].sigma == 0.0005);
+  CHECK(file.rig.sensors[0].sigma == file.rig.sensors[0].noise_guess);
+  CHECK(file.rig.sensors[0].sigma[3] == 0.003);
+  RigValues values = values_of(file.rig);
+  CHECK_THAT(rig_text(file, values, ""), Contains("guess: {translation: 0.002"));
+  for (int k = 7; k < 10; ++k) values.joint_sigmas[k] = 0.0006;
+  values.sensor_sigmas[0] = {0.001, 0.001, 0.001, 0.003, 0.003, 0.003};
+  place.write("written.yaml", rig_text(file, values, ""));
+  const RigFile read = read_rig((place.directory / "written.yaml").string());
+  CHECK(read.rig.joints[7].sigma == 0.0006);
+  CHECK(read.rig.joints[10].sigma == 0.0005);
+  CHECK(read.rig.joints[7].noise_guess == 0);
+  CHECK(read.rig.sensors[0].sigma == values.sensor_sigmas[0]);
+  CHECK(read.rig.sensors[0].noise_guess.empty());
+  CHECK_THROWS_WITH(with(joints, "{guess: 0.002}"), Contains("sensors.cam.sigma.guess"));
+  CHECK_THROWS_WITH(with(joints, "{guess: {translation: 0.002, rotation: 0.003}, translation: 1}"),
+                    Contains("unknown key 'translation'"));
+  CHECK_THROWS_WITH(with("joints: {flange: {sigma: {guess: -1}}}\n", "1"), Contains("guess"));
 }
 
 TEST_CASE("rig: mistakes with floating joints are named") {

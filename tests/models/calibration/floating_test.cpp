@@ -48,8 +48,8 @@ TEST_CASE("flange poses: noise that nobody states is found, and zero where it sa
       CHECK(joints[first].sigma == Approx(cell.translation).epsilon(0.4));
       CHECK(joints[first + 3].sigma == Approx(cell.rotation).epsilon(0.4));
     } else {
-      CHECK(joints[first].sigma < 5e-5);
-      CHECK(joints[first + 3].sigma < 5e-5);
+      CHECK(joints[first].sigma < 1e-4);  // (what the sensor's noise hides is near the guess, 3e-4)
+      CHECK(joints[first + 3].sigma < 1e-4);
     }
     CHECK(joints[first + 2].sigma == joints[first].sigma);
     CHECK(report.solution.chi2_per_dof() == Approx(1).margin(0.15));
@@ -57,7 +57,8 @@ TEST_CASE("flange poses: noise that nobody states is found, and zero where it sa
 }
 
 TEST_CASE(
-    "flange poses: a few do not tell their noise, and pictures at one posture are no postures") {
+    "flange poses: the noise of a few is known less well, and pictures at one posture are no "
+    "postures") {
   const auto has = [](const Report& report, const std::string& id) {
     return std::any_of(report.warnings.begin(), report.warnings.end(),
                        [&](const Notice& w) { return kincal::id(w.kind) == id; });
@@ -66,10 +67,15 @@ TEST_CASE(
     Truth truth(Cell{true, 1e-3, 1e-3, false}, 7);
     const fixture::FlangeInput input = fixture::read(truth, count);
     const Report report = fixture::study_of(input.rig, input.samples);
-    const int first = input.rig.tree.joints[0].first_axis + kPoseAxes;
-    CHECK(has(report, "few_poses") == (count < 8));
+    CHECK(has(report, "noise"));
     CHECK_FALSE(has(report, "repeated"));
-    if (count < 8) CHECK(report.solution.rig().joints[first].sigma == kFewPosesNoise);
+    for (const NoiseLevel& level : report.noise_levels) {
+      if (level.guess == 0) continue;
+      const auto [low, high] = level.interval();
+      CHECK(low < 1e-3);
+      CHECK(high > 1e-3);
+      CHECK((level.uncertainty > 0.3) == (count < 8));
+    }
   }
   Truth truth(Cell{true, 1e-3, 1e-3}, 8);
   fixture::FlangeInput input = fixture::read(truth, 12);
