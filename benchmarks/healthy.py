@@ -55,6 +55,7 @@ LEGITIMATE = {   # ids of warnings -> where (words of what a recording is about;
     "base_frame": ("", "where the base frame is nobody can measure: it and the first zero are one number. True of what stands at the base, and no doubt"),
     "last_zero": ("", "the last zero and how the thing behind it is turned are one number: true of every arm, and no doubt"),
     "unchecked": ("", "readings of a slide or squares of boards that nothing checks: true of what is recorded, and no doubt"),
+    "gauge": ("", "what no posture tells and the program fixed: true of such a robot, and no doubt"),
     "noise": ("not stated", "nobody stated the noise, so it is found and told"),
 }
 POOR = ["sigma", "few_turns", "unobservable", "few_data", "ambiguous_start", "loose"]     # ids that say that the data tell too little

@@ -434,6 +434,20 @@ def judge(code, findings, warnings, wanted, clean_warnings):
     return "else" if code or findings or set(warnings) - set(clean_warnings) else "SILENT"
 
 
+def by_evidence(program, folder, wanted):
+    """What the log odds of all that `check` tries say (above ln 99, else nothing): the likeliest, the next, and the verdict on that."""
+    run = subprocess.run([program, "check", os.path.join(folder, "rig.yaml"), os.path.join(folder, "samples.jsonl"), "--json", "--compare", "--quiet"],
+                         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    try:
+        tried = [a for a in json.loads(run.stdout.decode())["alternatives"] if a["log_odds"] is not None]
+    except ValueError:
+        return "-", "no answer"
+    said = "; ".join("%s %s %.0f" % (a["id"], ",".join(a["where"][:2]), a["log_odds"]) for a in tried[:2])
+    found = [a for a in tried if a["log_odds"] > math.log(99)]
+    right = [any(a["id"] in ids and set(words) & set(a["where"]) for ids, words in wanted) for a in found]
+    return said or "-", "nothing" if not right else "first" if right[0] else "named" if any(right) else "else"
+
+
 def report(name, code, findings, warnings, error, clean_warnings, verdict):
     new = [w for w in warnings if w not in clean_warnings]
     said = "; ".join("%s %s" % (i, ",".join(where[:3])) for i, where in findings[:2])
@@ -442,16 +456,24 @@ def report(name, code, findings, warnings, error, clean_warnings, verdict):
     print("| %-42s | %d | %-60s | %-16s | %s |" % (name, code, said or "-", new[0] if new else "-", verdict), flush=True)
 
 
-def run_set(data, program, folder, only, no_pairs):
+def run_set(data, program, folder, only, no_pairs, compare):
     """A row for each mistake; returns how often each verdict was, of single mistakes and of pairs."""
+    def beside(place, wanted, verdict):
+        if not compare:
+            return
+        said, other = by_evidence(program, place, wanted)
+        counts["evidence"][verdict, other] += 1
+        print("|   by evidence | | %s | | %s |" % (said, other), flush=True)
+
     print("\n%s: %d samples\n| mistake | exit | first findings | first warning | verdict |\n| --- | --- | --- | --- | --- |"
           % (data.name, len(data.samples)))
-    counts = {"single": collections.Counter(), "pairs": collections.Counter(), "clean": collections.Counter()}
+    counts = {"single": collections.Counter(), "pairs": collections.Counter(), "clean": collections.Counter(), "evidence": collections.Counter()}
     code, findings, clean_warnings, error = calibrate(program, os.path.join(folder, data.name + "_clean"), data.rig, data.samples)
     clean = "no finding" if not findings and code in (0, 2) else "FALSE ALARM"
     data.take_poses(os.path.join(folder, data.name + "_clean", "out"))
     report("(clean)", code, findings, clean_warnings, error, [], clean)
     counts["clean"][clean] += 1
+    beside(os.path.join(folder, data.name + "_clean"), [], clean)
     plants = [(name, [plant], False) for name, plant in PLANTS.items()] + [(name, [plant], True) for name, plant in HELD.items()]
     plants += [(a + " + " + b, [PLANTS[a], PLANTS[b]], False) for a, b in ([] if no_pairs else PAIRS)]
     for name, parts, held in plants:
@@ -472,6 +494,7 @@ def run_set(data, program, folder, only, no_pairs):
             continue
         counts["single" if len(parts) == 1 else "pairs"][verdict] += 1
         report(name, code, findings, warnings, error, clean_warnings, verdict)
+        beside(place, wanted, verdict)
     return counts
 
 
@@ -482,15 +505,16 @@ def main():
     parser.add_argument("--set", action="append", choices=list(SETS))
     parser.add_argument("--only", action="append", help="mistakes whose name has this; may be repeated")
     parser.add_argument("--no-pairs", action="store_true")
+    parser.add_argument("--compare", action="store_true", help="beside the findings what the evidence of all that is tried says: a confusion matrix")
     parser.add_argument("--keep", help="keep the files in this folder")
     options = parser.parse_args()
     folder = options.keep or tempfile.mkdtemp(prefix="kincal_mistakes_")
-    total = {"single": collections.Counter(), "pairs": collections.Counter(), "clean": collections.Counter()}
+    total = {"single": collections.Counter(), "pairs": collections.Counter(), "clean": collections.Counter(), "evidence": collections.Counter()}
     try:
         for name in options.set or list(SETS):
             if name != "pr2" and not options.data:
                 continue
-            for kind, counts in run_set(Data(name, options.data), options.program, folder, options.only, options.no_pairs).items():
+            for kind, counts in run_set(Data(name, options.data), options.program, folder, options.only, options.no_pairs, options.compare).items():
                 total[kind] += counts
     finally:
         if not options.keep:
@@ -498,7 +522,7 @@ def main():
     print()
     for kind, counts in total.items():
         if counts:
-            print("%s: %d: %s" % (kind, sum(counts.values()), ", ".join("%s %d" % c for c in sorted(counts.items()))))
+            print("%s: %d: %s" % (kind, sum(counts.values()), ", ".join("%s %d" % (k if isinstance(k, str) else " / ".join(k), c) for k, c in sorted(counts.items()))))
     return 0
 
 

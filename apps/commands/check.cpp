@@ -23,7 +23,7 @@ struct CheckArguments {
   std::string rig, samples, noise = "latent";
   PageSettings page;
   int threads = 1;
-  bool json = false, quiet = false;
+  bool json = false, compare = false, quiet = false;
 };
 
 /// Samples, by target, with views whose numbers nothing decides.
@@ -66,6 +66,7 @@ int check(const CheckArguments& a) {
   DoctorOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;
+  options.compare = a.compare;
   options.progress = [&](int done, int of) {
     if (done >= 0 && of > 0)
       progress.stage("testing hypotheses", static_cast<double>(done) / static_cast<double>(of));
@@ -119,6 +120,9 @@ Command check_command(CLI::App& app, const std::string& command_line) {
   add_page_settings(*command, a->page);
   command->add_flag("--json", a->json,
                     "print {findings, chi2, dof, verdict, tested, open_numbering} as JSON");
+  command->add_flag("--compare", a->compare,
+                    "with --json: also `alternatives`, the log odds of each mistake that was tried "
+                    "with all samples against the data as they are");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
       "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another "

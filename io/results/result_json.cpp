@@ -445,8 +445,20 @@ Json verdict_json(const Verdict& v) {
   return {{"use", v.use}, {"text", sentences(v)}, {"why", v.why}, {"next", v.next}, {"see", see}};
 }
 
+Json alternatives_json(std::vector<Alternative> alternatives) {
+  std::stable_sort(
+      alternatives.begin(), alternatives.end(),
+      [](const Alternative& a, const Alternative& b) { return a.log_odds > b.log_odds; });
+  Json out = Json::array();
+  for (const Alternative& a : alternatives)
+    out.push_back(
+        {{"id", id(a.kind)}, {"where", names_of(a.where)}, {"log_odds", number(a.log_odds)}});
+  return out;
+}
+
 Json diagnosis_json(const Diagnosis& d) {
   return {{"findings", findings_json(d.findings)},
+          {"alternatives", alternatives_json(d.alternatives)},
           {"chi2", d.chi2 ? number(*d.chi2) : Json(nullptr)},
           {"dof", d.dof},
           {"verdict", d.verdict},

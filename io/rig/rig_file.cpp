@@ -471,10 +471,8 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
                                                const JointModels& models) {
   std::vector<JointSettings> settings(tree.joints.size());
   for (size_t j = 0; j < settings.size(); ++j)
-    settings[j].noise_guess = tree.joints[j].axis_of_pose == PoseAxis::error ? kGuessedPoseNoise
-                              : !tree.joints[j].has_reading()                ? 0
-                              : tree.joints[j].type == JointType::prismatic  ? kGuessedSlideNoise
-                                                                             : kGuessedTurnNoise;
+    if (tree.joints[j].axis_of_pose == PoseAxis::error || tree.joints[j].has_reading())
+      settings[j].noise_guess = guessed_noise(tree.joints[j]);
   if (is_null(field)) return settings;
   if (field.node->kind != Node::Kind::mapping)
     field.fail("a mapping of joint names or globs is expected");

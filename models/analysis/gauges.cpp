@@ -106,7 +106,7 @@ int common_body(const Rig& rig) {
 
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses) {
-  constexpr double kNone = 1e-4;             // of the largest motion
+  constexpr double kNone = 1e-4;             // of the motions by each component
   constexpr double kTakesPart = 0.2;         // of the largest component of a direction
   constexpr double kGiven = 4, kTarget = 2;  // preferred, in shares of a direction
   std::vector<Component> columns;
@@ -120,11 +120,12 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
   const auto n = static_cast<Eigen::Index>(seen.size());
   MatrixXd motions(n, n);
   for (Eigen::Index i = 0; i < n; ++i)
-    for (Eigen::Index j = 0; j < n; ++j) motions(i, j) = all(seen[i], seen[j]);
+    for (Eigen::Index j = 0; j < n; ++j)
+      motions(i, j) =
+          all(seen[i], seen[j]) / std::sqrt(all(seen[i], seen[i]) * all(seen[j], seen[j]));
   const SymmetricEigen eigen = symmetric_eigen(motions);
-  const double largest = eigen.values.maxCoeff();
   Eigen::Index count = 0;
-  while (count < n && eigen.values(count) < kNone * kNone * largest) ++count;
+  while (count < n && eigen.values(count) < kNone * kNone) ++count;
   MatrixXd open = eigen.vectors.leftCols(count);
   std::vector<Gauge> out;
   const auto component = [&](Eigen::Index i) { return columns[static_cast<size_t>(seen[i])]; };

@@ -382,17 +382,19 @@ void estimate_guessed(NoiseKinds& kinds, const RowsLeft& left) {
   const auto n = static_cast<Eigen::Index>(guessed.size());
   const MatrixXd prior =
       solve_symmetric(guess_covariance(kinds, guessed), MatrixXd::Identity(n, n));
-  VectorXd u(n), score(n), slope(n);
+  VectorXd u(n), score(n), slope(n), hidden(n);
   MatrixXd information(n, n);
   for (Eigen::Index i = 0; i < n; ++i) {
     const int g = guessed[i];
     u(i) = std::log(kinds.levels[g].assumed / kinds.levels[g].guess);
     score(i) = left.q(g) - left.redundancy(g);
-    const double f = std::clamp(left.spread(g), kLeastFactor, 1 / kLeastFactor);
-    slope(i) = std::abs(f - 1) > 1e-6 ? std::sqrt((f - 1) / std::log(f)) : 1;
+    const double f = std::min(left.spread(g), 1 / kLeastFactor);
+    slope(i) = f > 1 + 1e-6 ? std::sqrt((f - 1) / std::log(f)) : 1;
     for (Eigen::Index j = 0; j < n; ++j) information(i, j) = 2 * left.s(g, guessed[j]);
+    hidden(i) = 2 * std::max(0.0, left.redundancy(g) - left.s(g, g));
   }
-  const MatrixXd step = slope.asDiagonal() * information * slope.asDiagonal();
+  MatrixXd step = slope.asDiagonal() * information * slope.asDiagonal();
+  step.diagonal() += hidden;
   const VectorXd d = solve_symmetric(step + prior, score - prior * u);
   const MatrixXd covariance = solve_symmetric(information + prior, MatrixXd::Identity(n, n));
   for (Eigen::Index i = 0; i < n; ++i) {

@@ -35,9 +35,11 @@
 // the prior is u ~ N(0, K), K = ln(4)^2 [g, j of one kind] + ln(2)^2 [g = j]: the guess may be ten
 // times off, and joints of one kind (turning, sliding; translations, rotations of poses) differ by
 // a factor of two. A step of scoring is
-//     d = (W^1/2 2 S W^1/2 + K^-1)^-1 (q - redundancy - K^-1 u),
-// with W = diag of (f - 1) / ln f, f = q_g / redundancy_g, which makes the step of a level that
-// stands alone the right one, 1/2 ln f, however far off it is. `seen` is the sigma a step further,
+//     d = (W^1/2 2 S W^1/2 + 2 diag(redundancy - S) + K^-1)^-1 (q - redundancy - K^-1 u),
+// with f = q_g / redundancy_g and W = diag of (f - 1) / ln f where f > 1, which makes the step of a
+// level that stands alone the right one, 1/2 ln f, however far off it is. What hides behind other
+// noise has a redundancy that falls with its variance, hence the second term: without it a step
+// goes far beyond. `seen` is the sigma a step further,
 // its uncertainty the posterior's, sqrt((2 S + K^-1)^-1_gg).
 //
 // With a loss rows carry the roots of its weights w, n_g = sum w, and q_g is divided by what it

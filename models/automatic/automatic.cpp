@@ -9,11 +9,11 @@
 #include <stdexcept>
 
 #include "../../solver/observability.h"
-#include "../analysis/noise_levels.h"
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "arm_scale.h"
+#include "guessed_noise.h"
 #include "lone_lengths.h"
 #include "unchecked_scales.h"
 #include "widths.h"
@@ -23,8 +23,8 @@ namespace {
 
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
-constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 20;
-constexpr double kNoiseAtRest = 0.02;            // change of noise that nobody states, relative
+constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 30;
+constexpr double kNoiseAtRest = 0.005;           // change of noise that nobody states, relative
 constexpr double kContradicted = 3, kDoubt = 5;  // times a stated prior; log evidence for that
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
@@ -263,56 +263,6 @@ struct Learned {
   std::shared_ptr<const Recording> recording;  // with the noise that was found
 };
 
-/// The recording with readings of joints between what sees and what is seen as noisy as is guessed
-/// where nobody states that.
-std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, NoiseMode mode) {
-  Rig rig = recording.rig;
-  std::set<std::pair<int, int>> seen;  // sensor, target
-  for (const Sample& sample : recording.samples)
-    for (const View& v : sample.views) seen.insert({v.sensor, v.target});
-  for (const auto& [s, t] : seen) {
-    const Sensor& sensor = rig.sensors[s];
-    const int to = rig.targets[t].link >= 0 ? rig.targets[t].link : rig.base;
-    for (const PathStep& step : find_path(rig.tree, sensor.link, to)) {
-      if (!rig.tree.joints[step.joint].moves() || step.joint == sensor.scanning_joint) continue;
-      JointSettings& joint = rig.joints[driver(rig.tree, step.joint).joint];
-      if (mode == NoiseMode::latent && joint.sigma == 0) joint.sigma = joint.noise_guess;
-    }
-  }
-  return make_recording(recording.with_rig(std::move(rig)));
-}
-
-/// Moves noise that nobody states towards what the data show of it; returns the largest change, of
-/// a logarithm.
-double find_noise(const DataProblem& at, const WidthProblem& problem, const VectorXd& factor,
-                  std::shared_ptr<const Recording>& recording) {
-  constexpr double kLargest = 5;  // times, in a round
-  const std::vector<JointSettings>& joints = recording->rig.joints;
-  const std::vector<Sensor>& sensors = recording->rig.sensors;
-  if (std::all_of(joints.begin(), joints.end(),
-                  [](const JointSettings& j) { return j.noise_guess == 0; }) &&
-      std::all_of(sensors.begin(), sensors.end(),
-                  [](const Sensor& s) { return s.noise_guess.empty(); }))
-    return 0;
-  const Posterior known = posterior(problem, factor, true);
-  if (!known.defined) return 0;
-  std::vector<NoiseLevel> levels =
-      noise_levels(*at.problem, recording->rig, at.state, known.covariance);
-  double moved = 0;
-  for (NoiseLevel& level : levels) {
-    if (level.guess == 0) {
-      level.seen = kNan;
-      continue;
-    }
-    const double change =
-        std::clamp(std::log(level.seen / level.assumed), -std::log(kLargest), std::log(kLargest));
-    moved = std::max(moved, std::abs(change));
-    level.seen = level.assumed * std::exp(change);
-  }
-  if (moved > 0) recording = make_recording(scale_noise(*recording, levels));
-  return moved;
-}
-
 /// What the gears that were not asked for say at a fit without them: the gain of their group, and
 /// with the boards' squares which lengths nothing checks.
 void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
@@ -359,6 +309,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
       return options.progress("widths", iteration, chi2, damping);
     };
   VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
+  bool settled = false;
   for (int pass = 0;; ++pass) {
     const Recording& recording = *out.recording;
     options.tell("widths, round " + std::to_string(pass + 1));
@@ -381,10 +332,11 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     const double change =
         factor.size() ? (out.widths.factor.array() / factor.array()).log().abs().maxCoeff() : 0;
     factor = out.widths.factor;
+    settled = settled || change < kSettled || pass + 1 == kLinearisations;
+    if (!settled) continue;  // (what is far off would be taken for noise)
     std::shared_ptr<const Recording> next = out.recording;
-    const double moved = find_noise(data, out.problem, factor, next);
-    const bool at_rest = moved < kNoiseAtRest || pass + 1 >= kNoiseRounds;
-    if (at_rest && (change < kSettled || pass + 1 >= kLinearisations)) {
+    const double moved = move_noise(*data.problem, data.state, out.problem, factor, next);
+    if (moved < kNoiseAtRest || pass + 1 >= kNoiseRounds) {
       judge_scales(recording, done, groups, out);
       return out;
     }

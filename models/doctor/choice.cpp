@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "../rig/scales.h"
+#include "alternatives.h"
 #include "camera_mistakes.h"
 #include "hypotheses.h"
 #include "joint_mistakes.h"
@@ -234,6 +235,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   }
   size_t usual = std::numeric_limits<size_t>::max();  // from here on: the rarer ones
   std::optional<Trial> best;
+  std::optional<double> as_is;  // log evidence
   size_t chosen = 0;
   // Of what fits as well: what moves parameters less, or what is likelier.
   const auto preferred = [&](const Trial& t, bool earlier) {
@@ -247,6 +249,12 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
                            : best               ? kHopeless * best->cost
                                                 : now.score()};
     Trial t = try_hypothesis(recording, context, all[i], now, effort);
+    if (context.tried && !question.by_movement && std::isfinite(t.cost)) {
+      if (!as_is) as_is = log_evidence(recording, context, context.all, now, nullptr);
+      tell_alternative(context, all[i], t, *as_is,
+                       std::count_if(all.begin(), all.end(),
+                                     [&](const Hypothesis& h) { return h.kind == all[i].kind; }));
+    }
     if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
     const double near =
         best ? equal_within(all[i], all[chosen], (i >= usual) != (chosen >= usual)) : 1;

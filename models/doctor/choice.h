@@ -10,14 +10,6 @@
 
 namespace kincal {
 
-/// A Trial is a hypothesis tried: the recording with the mistake undone, and the fit of it.
-struct Trial {
-  Recording recording;
-  Stage stage;
-  TrialFit fit;
-  double cost;  // for comparison; infinite: the fit cannot start
-};
-
 /// An Explanatory hypothesis explains something; its trial has all samples.
 struct Explanatory {
   Hypothesis hypothesis;

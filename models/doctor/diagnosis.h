@@ -9,6 +9,14 @@
 
 namespace kincal {
 
+/// An Alternative is what a mistake undone makes of the data, against the data as they are
+/// (alternatives.h).
+struct Alternative {
+  NoticeKind kind = NoticeKind::square;
+  Subjects where;
+  double log_odds = 0;
+};
+
 /// A Diagnosis is all that was found, and what it explains.
 struct Diagnosis {
   std::vector<Notice> findings;  // what explains most first; those without a fit last
@@ -17,6 +25,8 @@ struct Diagnosis {
   std::string verdict;  // one or more sentences
   std::string
       readings;  // what errors of the joint readings would explain; empty: not, or not asked
+  std::vector<Alternative>
+      alternatives;                 // that were tried with all samples (DoctorOptions::compare)
   std::vector<std::string> tested;  // ids of the mistakes that were looked for
 };
 

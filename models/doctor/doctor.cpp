@@ -454,10 +454,11 @@ Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) 
   const double at_first = now.per_dof();
   const State as_given = {recording, context, now};
   const bool still_joint = prove_still_joints(*recording, context, now, by_data);
-  for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round)
-    if (!explain(recording, context, now, false, by_fits) ||
-        by_fits.back().kind == NoticeKind::still_joint)
-      break;
+  for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round) {
+    const bool explained = explain(recording, context, now, false, by_fits);
+    if (context.tried) out.alternatives = *std::exchange(context.tried, nullptr);
+    if (!explained || by_fits.back().kind == NoticeKind::still_joint) break;
+  }
   if (!by_fits.empty() && !still_joint && now.per_dof() > Thresholds::hopeless)
     try_two_in_their_place(as_given, recording, context, now, by_fits);
   if (by_fits.empty() && !still_joint && !(now.per_dof() < Thresholds::hopeless)) {
@@ -508,6 +509,7 @@ std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOption
   context.noise = options.noise;
   context.threads = options.threads;
   context.progress = options.progress;
+  if (options.compare) context.tried = std::make_shared<std::vector<Alternative>>();
   try {
     SharedRecording planned = make_recording(plan_trials(recording, context));
     return examine(std::move(planned), std::move(context), options.ended);

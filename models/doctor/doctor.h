@@ -46,6 +46,7 @@ struct DoctorOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
   Ended ended = Ended::not_told;
+  bool compare = false;  // weigh all that is tried by its evidence: Diagnosis::alternatives
   /// It is called before each fit with the number of fits done and the number there are to do now;
   /// false cancels.
   std::function<bool(int, int)> progress;

@@ -131,31 +131,6 @@ bool shows_neighbours(const Recording& recording, int sensor) {
   return 2 * large > views;
 }
 
-/// The stage with everything free that something depends on, as far as such numbers usually are
-/// off.
-Stage with_usual_errors(const Recording& recording, Stage stage) {
-  EstimationSetup setup;
-  setup.noise = NoiseMode::none;
-  setup.sensors = stage.sensors;
-  const Estimation probe(recording, indices(recording.samples.size()), setup);
-  if (probe.groups().empty()) return stage;
-  const std::vector<char> matters = probe.influencing();
-  const std::set<std::string> freed(stage.free.begin(), stage.free.end());
-  const ParameterTable& table = recording.table;
-  for (size_t p = 0; p < table.all.size(); ++p) {
-    const ParameterKind kind = table.all[p].kind;
-    if (!matters[p] || kind == ParameterKind::points || kind == ParameterKind::own_number) continue;
-    for (int c = 0; c < table.all[p].size(); ++c) {
-      const Component component{static_cast<int>(p), c};
-      const std::string name = table.name(component);
-      if (freed.count(name) || table.select(name).empty()) continue;  // (a mount that is a joint)
-      stage.free.push_back(name);
-      stage.priors.push_back({name, scales(table, component, table.initial).usual});
-    }
-  }
-  return stage;
-}
-
 }  // namespace
 
 std::optional<Notice> wrong_sigmas(const Recording& recording, const TrialContext& context,

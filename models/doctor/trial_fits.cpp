@@ -419,6 +419,11 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
     out.chi2 = minimum.cost.chi2;
     out.cost = minimum.cost.doubled;
     out.dof = -problem.shared_size();
+    out.setup = setup;
+    for (size_t g = 0; g < problem.groups().size(); ++g)
+      if (const int s = problem.sample_of(static_cast<int>(g)); s >= 0) out.samples.push_back(s);
+    std::sort(out.samples.begin(), out.samples.end());
+    out.samples.erase(std::unique(out.samples.begin(), out.samples.end()), out.samples.end());
     if (minimum.gave_up) {
       out.chi2 = kInfinity;
       return out;
@@ -428,6 +433,29 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
   }
   out.values = std::move(values);
   return out;
+}
+
+Stage with_usual_errors(const Recording& recording, Stage stage) {
+  EstimationSetup setup;
+  setup.noise = NoiseMode::none;
+  setup.sensors = stage.sensors;
+  const Estimation probe(recording, indices(recording.samples.size()), setup);
+  if (probe.groups().empty()) return stage;
+  const std::vector<char> matters = probe.influencing();
+  const std::set<std::string> freed(stage.free.begin(), stage.free.end());
+  const ParameterTable& table = recording.table;
+  for (size_t p = 0; p < table.all.size(); ++p) {
+    const ParameterKind kind = table.all[p].kind;
+    if (!matters[p] || kind == ParameterKind::points || kind == ParameterKind::own_number) continue;
+    for (int c = 0; c < table.all[p].size(); ++c) {
+      const Component component{static_cast<int>(p), c};
+      const std::string name = table.name(component);
+      if (freed.count(name) || table.select(name).empty()) continue;  // (a mount that is a joint)
+      stage.free.push_back(name);
+      stage.priors.push_back({name, scales(table, component, table.initial).usual});
+    }
+  }
+  return stage;
 }
 
 TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,

@@ -15,6 +15,7 @@
 #include "../estimation/estimation.h"
 #include "../fitting/free_targets.h"
 #include "../rig/numbers.h"
+#include "diagnosis.h"
 #include "survey.h"
 
 namespace kincal {
@@ -80,6 +81,7 @@ struct TrialContext {
   bool usual_steps = false;                // the rig has no steps: these are usual ones
   bool given_poses_freed =
       false;  // the rig gives a pose that `all` frees wholly: closed form may find a better start
+  std::shared_ptr<std::vector<Alternative>> tried;  // is told all that is tried; null: nobody asks
   std::shared_ptr<ViewPosesMemory> memory = std::make_shared<ViewPosesMemory>();  // of all trials
 
   /// Reports progress. @throws Cancelled
@@ -114,6 +116,8 @@ struct TrialFit {
   std::vector<double> trimmed;  // the same without the worst tenth of each view's points
   std::vector<double> sensor;   // of a sensor's residuals
   std::map<std::string, Movement> moved;  // freed parameters, from the rig's values
+  EstimationSetup setup;                  // of the fit
+  std::vector<int> samples;               // that took part
 
   /// Returns the largest movement; of more than 1 some parameter is far from where it started.
   double farthest() const {
@@ -135,6 +139,14 @@ struct TrialFit {
   double per_dof() const {
     return complete() ? chi2 / static_cast<double>(std::max(1L, dof)) : kInfinity;
   }
+};
+
+/// A Trial is a hypothesis tried: the recording with the mistake undone, and the fit of it.
+struct Trial {
+  Recording recording;
+  Stage stage;
+  TrialFit fit;
+  double cost;  // for comparison; infinite: the fit cannot start
 };
 
 /// Returns the largest difference of movements (Movement::times) over the parameters that `a` moved
@@ -168,6 +180,10 @@ struct Effort {
   bool closed_form = false;    // try it anyway
   double give_up = kInfinity;  // TrialOptions::give_up
 };
+
+/// Returns the stage with everything free besides that something depends on, as far as such numbers
+/// usually are off.
+Stage with_usual_errors(const Recording& recording, Stage stage);
 
 /// Returns the fit from the rig's values, or from closed form where these do not lead anywhere.
 TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,

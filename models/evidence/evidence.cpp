@@ -106,14 +106,14 @@ void add_priors(const Recording& recording, const EstimationSetup& setup, const 
   }
 }
 
-/// The data at a solution, with further components free.
-DataModel data_model(const Linearisation& at, const std::vector<Component>& further) {
-  const Recording& recording = *at.solution.recording;
-  EstimationSetup setup = at.problem().setup();
+/// The data at a fit, with further components free.
+DataModel data_model(const Recording& recording, const std::vector<int>& samples,
+                     EstimationSetup setup, const Values& values,
+                     const std::vector<Component>& further) {
   for (const Component& c : further) merge(setup.free, {{c.parameter, {c.index}}});
   for (Freed& f : setup.free) std::sort(f.components.begin(), f.components.end());
-  Estimation problem(recording, at.solution.training(), setup);
-  const VectorXd state = problem.pack(at.solution.values);
+  Estimation problem(recording, samples, setup);
+  const VectorXd state = problem.pack(values);
   problem.renew(state);
   problem.prepare(state);
   DataModel out;
@@ -136,6 +136,16 @@ DataModel data_model(const Linearisation& at, const std::vector<Component>& furt
   return out;
 }
 
+DataModel data_model(const Linearisation& at, const std::vector<Component>& further) {
+  return data_model(*at.solution.recording, at.solution.training(), at.problem().setup(),
+                    at.solution.values, further);
+}
+
+ModelEvidence evidence(const DataModel& data) {
+  const LinearEvidence found = evidence(data.model);
+  return {found.log, data.kinds, found.factor, data.model.numbers, found.fitted};
+}
+
 }  // namespace
 
 double reference_width(const ParameterTable& table, const Component& component,
@@ -146,10 +156,11 @@ double reference_width(const ParameterTable& table, const Component& component,
   return placed ? kAnywhere : scales(table, component, values).usual;
 }
 
-ModelEvidence evidence(const Linearisation& at) {
-  const DataModel data = data_model(at, {});
-  const LinearEvidence found = evidence(data.model);
-  return {found.log, data.kinds, found.factor, data.model.numbers, found.fitted};
+ModelEvidence evidence(const Linearisation& at) { return evidence(data_model(at, {})); }
+
+ModelEvidence evidence(const Recording& recording, const std::vector<int>& samples,
+                       const EstimationSetup& setup, const Values& values) {
+  return evidence(data_model(recording, samples, setup, values, {}));
 }
 
 std::vector<double> scores(const Linearisation& at,

@@ -63,8 +63,10 @@ struct ModelEvidence {
   VectorXd fitted;               // of these, so many are spent on unknowns
 };
 
-/// Returns the evidence of a fit.
+/// Returns the evidence of a fit. `samples`: those that took part.
 ModelEvidence evidence(const Linearisation& at);
+ModelEvidence evidence(const Recording& recording, const std::vector<int>& samples,
+                       const EstimationSetup& setup, const Values& values);
 
 /// A FreeDirection is one more unknown: it moves components that the fit held, each so far, and has
 /// the prior N(0, width^2) about where they are held. One component with coefficient 1: a

@@ -154,8 +154,8 @@ std::string stated_noise_text(const Report& report, Subjects& where) {
 std::string guessed_noise_text(const Report& report, Subjects& where) {
   std::vector<std::string> all;
   for (const NoiseLevel& level : report.noise_levels) {
-    if (level.guess == 0) continue;
     const auto [low, high] = level.interval();
+    if (level.guess == 0 || low == 0) continue;  // (it hides behind that of others)
     where.push_back({Subject::Kind::part, level_name(level)});
     all.push_back(level_name(level) + text(" %.2g ", level.used) + level.unit +
                   text(" (%.2g to %.2g)", low, high));
@@ -240,7 +240,7 @@ bool noise_is_doubtful(const Report& report) {
   if (report.noise_estimated->stated > kLarger && any_stated_is_larger(report)) return true;
   std::set<std::string> kinds;  // that are stated apart: of joints, of sensors by their unit
   for (const NoiseLevel& level : report.noise_levels)
-    kinds.insert(level.joint >= 0 ? "joints" : level.unit);
+    if (level.guess == 0) kinds.insert(level.joint >= 0 ? "joints" : level.unit);
   const auto [least, most] = used_shares(report);
   return kinds.size() > 1 && most < 1 && most < kOneFactor * least &&
          (most < kLowered || !noisier_joints(report).empty());

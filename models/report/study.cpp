@@ -28,7 +28,7 @@ struct StudyCancelled {};
 
 // Noise on the automatic path.
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
-constexpr int kNoiseRounds = 4;
+constexpr int kLevelRounds = 4;
 constexpr double kLooksResized = 0.5;  // share of a mistake from which a length is looked for
 
 bool ended(const Solution& solution) {
@@ -272,7 +272,7 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
                        NoiseRounds rounds, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
   std::shared_ptr<const Recording> recording = first;
-  for (int round = 0; round < kNoiseRounds && !rounds.converged; ++round) {
+  for (int round = 0; round < kLevelRounds && !rounds.converged; ++round) {
     std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
     if (!estimate) throw StudyCancelled();
     if (!estimate->solution.usable()) return;
@@ -292,11 +292,17 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
 void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report& report) {
   const std::shared_ptr<const Recording> first = report.solution.recording;
   std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
-  const double factor = std::max(std::sqrt(rounds.stated), 1 / kLargestFactor);
-  for (NoiseLevel& level : levels) level.used = level.assumed * factor;
-  rounds.count = 1;
-  rounds.converged = true;
-  if (calibrate_with(*first, levels, options, report)) report.noise_estimated = rounds;
+  double factor = 1;
+  while (rounds.count < kLevelRounds && !rounds.converged) {  // noise that nobody states follows
+    factor = std::max(factor * std::sqrt(report.solution.chi2_per_dof()), 1 / kLargestFactor);
+    for (NoiseLevel& level : levels)
+      if (level.guess == 0) level.used = level.assumed * factor;
+    if (!calibrate_with(*first, levels, options, report)) return;
+    ++rounds.count;
+    rounds.converged = std::abs(std::log(report.solution.chi2_per_dof())) < 2 * kLevelsAtRest ||
+                       factor == 1 / kLargestFactor;
+    report.noise_estimated = rounds;
+  }
 }
 
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
@@ -397,15 +403,6 @@ std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const
   return make_recording(scale_noise(given, levels).with_rig(report.solution.rig()));
 }
 
-/// How many times larger than guessed noise came out that nobody states, squared: as chi2/dof would
-/// be with the guess.
-double beyond_guess(const Report& report) {
-  double out = 1;
-  for (const NoiseLevel& level : report.noise_levels)
-    if (level.guess > 0) out = std::max(out, std::pow(level.used / level.guess, 2));
-  return out;
-}
-
 /// The samples of the solution, noise that nobody states as it was guessed, with the rig as given.
 Recording as_guessed(const Report& report, const Rig& given) {
   std::vector<NoiseLevel> levels = report.noise_levels;
@@ -465,7 +462,11 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   at.drop_reduced_rows();
   report.explanation = explain(at);
   std::vector<ViewResiduals> views = at.problem().residuals(at.state());
-  if (!report.noise_estimated) report.noise_levels = noise_levels(at, views, part(0.3, 0.6));
+  const std::vector<NoiseLevel> levels = noise_levels(at, views, part(0.3, 0.6));
+  if (!report.noise_estimated) report.noise_levels = levels;
+  for (NoiseLevel& level : report.noise_levels)  // what nobody states is as it was found last
+    for (const NoiseLevel& now : levels)
+      if (level.guess > 0 && now.of == level.of && now.part == level.part) level = now;
   report.residuals = residuals(at, std::move(views), part(0.4, 1));
   part(0, 1)(1);
   report.misfits = misfits(report.solution, report.residuals);

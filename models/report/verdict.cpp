@@ -136,10 +136,19 @@ double data_misfit(const Report& report) {
   return *middle;
 }
 
+double beyond_guess(const Report& report) {
+  double out = 1;
+  for (const NoiseLevel& level : report.noise_levels)
+    if (level.guess > 0) out = std::max(out, std::pow(level.used / level.guess, 2));
+  return out;
+}
+
 std::optional<Notice> why_unexplained(const Report& report) {
   if (!report.solution.usable()) return std::nullopt;
-  const double misfit = data_misfit(report);
   const Notice* finding = decisive_finding(report);
+  const double
+      misfit =  // a mistake that explains the data is likelier than noise far beyond a guess
+      finding ? std::max(data_misfit(report), beyond_guess(report)) : data_misfit(report);
   if (!(misfit > (finding ? kMistaken : kBeyondNoise))) return std::nullopt;
   Notice out = make_notice(NoticeKind::unexplained, {},
                            text("the model does not explain the data (chi2/dof %.3g)", misfit));

@@ -19,6 +19,10 @@ constexpr double kBeyondNoise = 100;  // chi2/dof at which noise or model are wr
 /// Returns chi2/dof of the data. Where the last step has a loss, which is there for what does not
 /// fit, it is that of the middle view. NaN: there are no degrees of freedom.
 double data_misfit(const Report& report);
+
+/// Returns how many times larger than guessed noise came out that nobody states, squared: as
+/// chi2/dof would be with the guess; at least 1.
+double beyond_guess(const Report& report);
 /// Returns why the model does not explain the data, which of the two is likelier and what to do;
 /// nothing where it does, or where there is no solution to judge.
 std::optional<Notice> why_unexplained(const Report& report);

@@ -20,6 +20,11 @@ namespace kincal {
 /// Guesses of noise that nobody states: of a floating joint's poses (m and rad), of readings of
 /// joints that turn (rad) and that slide (m).
 constexpr double kGuessedPoseNoise = 3e-4, kGuessedTurnNoise = 2e-4, kGuessedSlideNoise = 1e-4;
+inline double guessed_noise(const Joint& joint) {
+  return joint.axis_of_pose != PoseAxis::none ? kGuessedPoseNoise
+         : joint.type == JointType::prismatic ? kGuessedSlideNoise
+                                              : kGuessedTurnNoise;
+}
 
 struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact

@@ -52,8 +52,8 @@ class Program(helpers.Folder):
             q = second["parameters"][name]
             values = (p["pose"]["xyz"], q["pose"]["xyz"]) if "pose" in p else (p["value"], q["value"])
             for a, b, sigma in zip(*values, p["sigma"]):
-                if sigma:
-                    self.assertLess(abs(a - b) / sigma, 0.01, name)
+                if sigma:  # (widths settle to 10 %: with the noise known they take fewer rounds)
+                    self.assertLess(abs(a - b) / sigma, 0.05, name)
 
     def estimated(self, result):
         return sorted(g["group"].split("/")[0] for g in result["automatic"] if not g["held"])
@@ -115,7 +115,7 @@ class Init(Program):
             # every guess that can be asked about is marked, and what was given is not
             self.assertIn("GUESS", text)
             self.assertEqual("intrinsics: [640, 640, 319.5, 239.5]   # GUESS" in text, number in (0, 5))
-            self.assertIn("s3: {sigma: 0.0001}", text)
+            self.assertIn("s3: {sigma: {guess: 0.0001}}", text)
             if number == 1:
                 self.assertIn("intrinsics: [500, 501, 320, 240]", text)
                 self.assertIn("intrinsics: [600, 601, 320, 240]", text)
@@ -361,7 +361,7 @@ sensors:
                             self.assertLess(abs(value - true), 4 * sigma, (seed, name))
 
     def test_joints_stated_exact_that_are_not(self):
-        """Readings with errors that chi2/dof does not show: the noise is estimated, and what is said to be known is. Exact ones stay exact."""
+        """Readings with errors that chi2/dof does not show: the noise is estimated, and what is said to be known is. Of exact ones nothing is told."""
         for name in ("rig.yaml", "simulated.yaml"):
             text = self.read(name)
             self.write(name, text.replace("sigma: 0.2,", "sigma: 0.6,"))
@@ -373,7 +373,13 @@ sensors:
             for seed in (1, 2, 3):
                 result = self.automatic(self.path("exact.yaml"), os.path.join(self.dir, self.simulate(seed)))
                 told = [w["text"] for w in result["warnings"] if w["id"] == "noise"]
-                self.assertEqual(len(told), 0 if exact else 1, (seed, exact, told))
+                if exact:
+                    self.assertEqual(told, [], seed)
+                for level in result["noise_levels"]:
+                    if level["of"].startswith("joint/"):
+                        self.assertFalse(level["stated"])
+                        self.assertLessEqual(level["interval"][0], 0 if exact else 2e-4, (seed, level))
+                        self.assertGreaterEqual(level["interval"][1], 0 if exact else 2e-4, (seed, level))
                 for name, value in self.OFFSETS.items():
                     p = result["parameters"][name]
                     self.assertLess(abs(p["value"][0] - value), 4 * p["sigma"][0], name)
@@ -466,8 +472,8 @@ class Aubo(Program):
                 ("  tracker:", "0.761, -2.881, 0.424", "0.005, 0.002, 2.763")]:
             at = text.index(no_pose, text.index(before))
             text = text[:at] + "pose: {xyz: [%s], rpy: [%s]}" % (xyz, rpy) + text[at + len(no_pose):]
-        for old, new in [("\"*\": {sigma: 0.0002}", "\"*\": {sigma: 0.00005}"), ("sigma: 0.2  ", "sigma: 0.1  "),
-                         ("sigma: 0.0002    ", "sigma: 0.00005    "),
+        for old, new in [("\"*\": {sigma: {guess: 0.0002}}", "\"*\": {sigma: 0.00005}"), ("sigma: {guess: 0.2}", "sigma: 0.1"),
+                         ("sigma: {guess: 0.0002}  ", "sigma: 0.00005  "),
                          ("# distortion: [0, 0, 0, 0, 0]", "distortion: [-0.00664, -0.00687, -0.00019, -0.00025, 0.05621]")]:
             self.assertIn(old, text)
             text = text.replace(old, new)

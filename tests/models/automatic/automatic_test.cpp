@@ -17,6 +17,7 @@
 #include <functional>
 
 #include "../../../models/analysis/frames.h"
+#include "../../../models/analysis/noise_levels.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -234,6 +235,34 @@ TEST_CASE("automatic: a board of another size is found, and the arm stays as dra
     check_held(found);
     check_errors(found, truth);
   }
+}
+
+TEST_CASE("automatic: noise that nobody states is found, a tenth to ten times the guess") {
+  for (const double sensor : {0.1, 1.0, 10.0})
+    for (const double joints : {0.1, 10.0}) {
+      Rig guessed = drawn();
+      std::vector<Sample> samples = logged(with_offsets(1), 25, 40);
+      guessed.sensors[0].sigma = guessed.sensors[0].noise_guess = {0.2 / sensor, 0.2 / sensor};
+      for (Sample& s : samples)
+        for (View& v : s.views) v.sigma = guessed.sensors[0].sigma;
+      for (JointSettings& joint : guessed.joints)
+        joint.sigma = joint.noise_guess = joint.sigma / joints;
+      const AutomaticCalibration found =
+          calibrate_automatically(Recording(guessed, samples), AutomaticOptions());
+      INFO("noise " << sensor << " and " << joints << " times the guess\n" << described(found));
+      REQUIRE(found.solution.status == Status::converged);
+      CHECK(found.solution.chi2_per_dof() == Approx(1).margin(0.1));
+      CHECK(found.solution.rig().sensors[0].sigma[0] == Approx(0.2).epsilon(0.05));
+      for (const NoiseLevel& level : noise_levels(linearise(found.solution))) {
+        INFO(level.of << " " << level.used << " of " << level.guess);
+        REQUIRE(level.guess > 0);
+        CHECK(level.seen == Approx(level.used).epsilon(0.2));  // at rest, but for what was held
+        const auto [low, high] = level.interval();
+        const double truth = level.joint < 0 ? 0.2 : 1e-4;
+        CHECK(low <= truth);
+        CHECK(truth <= high);
+      }
+    }
 }
 
 TEST_CASE("automatic: offsets are found, and the board keeps its size") {

@@ -1,5 +1,6 @@
 // Parts of the doctor on small rigs whose answer is known. The planted mistakes on whole data sets
 // are in check_test.py.
+#include <algorithm>
 #include <catch2/catch.hpp>
 #include <cmath>
 
@@ -335,6 +336,23 @@ TEST_CASE("doctor: progress cancels") {
   options.progress = [&](int, int) { return ++calls < 20; };
   CHECK(!diagnose(e.rig, e.samples, options));
   CHECK(calls == 20);
+}
+
+TEST_CASE("doctor: the odds of what was tried name the planted mistake") {
+  EyeInHand planted;
+  for (Sample& s : planted.samples) s.readings[1] = -s.readings[1];
+  DoctorOptions options;
+  CHECK(diagnose(planted.rig, planted.samples, options)->alternatives.empty());
+  options.compare = true;
+  const Diagnosis found = *diagnose(planted.rig, planted.samples, options);
+  REQUIRE_FALSE(found.alternatives.empty());
+  const auto likeliest = std::max_element(
+      found.alternatives.begin(), found.alternatives.end(),
+      [](const Alternative& a, const Alternative& b) { return a.log_odds < b.log_odds; });
+  CHECK(likeliest->kind == NoticeKind::joint_sign);
+  CHECK(likeliest->where == Subjects{Subject::joint("lift")});
+  CHECK(likeliest->log_odds > std::log(99));
+  CHECK(diagnose(EyeInHand().rig, EyeInHand().samples, options)->alternatives.empty());
 }
 
 }  // namespace kincal
