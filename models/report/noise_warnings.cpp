@@ -152,10 +152,11 @@ std::string stated_noise_text(const Report& report, Subjects& where) {
 
 /// Noise that nobody states, as it was found: each level with the interval that has it with 95 %.
 std::string guessed_noise_text(const Report& report, Subjects& where) {
+  constexpr double kHides = 0.75;  // of a logarithm; half of what the guess alone leaves open
   std::vector<std::string> all;
   for (const NoiseLevel& level : report.noise_levels) {
     const auto [low, high] = level.interval();
-    if (level.guess == 0 || low == 0) continue;  // (it hides behind that of others)
+    if (level.guess == 0 || level.uncertainty > kHides) continue;  // (behind that of others)
     where.push_back({Subject::Kind::part, level_name(level)});
     all.push_back(level_name(level) + text(" %.2g ", level.used) + level.unit +
                   text(" (%.2g to %.2g)", low, high));
