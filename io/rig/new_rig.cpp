@@ -5,6 +5,7 @@
 #include <regex>
 #include <set>
 
+#include "../../models/rig/words.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../document/yaml.h"
