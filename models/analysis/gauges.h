@@ -1,13 +1,12 @@
-// What no posture tells: directions in the space of unknowns along which nothing that is seen moves
-// against what sees it.
+// Gauges of the robot: directions in the space of unknowns along which no target moves relative to
+// the sensors that see it, in any posture.
 //
 // With J the motion of each target in the frame of a sensor that sees it (of a target of one point,
 // that of the point) by the unknowns, in postures drawn within the joints' limits, a gauge is a
 // direction d with J d = 0: J'J has an eigenvalue of zero. Where all axes are parallel (SCARA,
-// palletizer) the heights of what stands at the base and of what is carried are one parameter;
-// where things only slide, all three coordinates; of two cameras that see free targets, where both
-// are. More samples do not determine it, and no measurement depends on it, so one component is
-// fixed and the choice is said.
+// palletizer) the heights at the base and at the other end are one parameter; if all joints slide,
+// so are all three coordinates; if two cameras see free targets only, their common pose. More
+// samples do not determine a gauge, and no measurement depends on it, so one component is fixed.
 #pragma once
 
 #include <vector>
@@ -21,11 +20,11 @@ namespace kincal {
 MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
                          const std::vector<Component>& columns);
 
-/// Returns the body behind which all sensors and mounted targets stand: what is between it and the
-/// base moves nothing that is seen.
+/// Returns the last body that all sensors and mounted targets descend from: joints between it and
+/// the base move none of them relative to each other.
 int common_body(const Rig& rig);
 
-/// A Gauge is a direction that no posture tells.
+/// A Gauge is such a direction.
 struct Gauge {
   Component fixed;              // decides it; of a pose that the rig gives, if one takes part
   bool given = false;           // that is so

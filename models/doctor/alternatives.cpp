@@ -8,10 +8,9 @@
 namespace kincal {
 namespace {
 
-const double kAnywhere = std::log(300.0);  // sigmas: what does not belong to the others
+const double kAnywhere = std::log(300.0);  // sigmas: range of a residual of an outlier
 const double kOfAKind = std::log(0.01);    // odds of a mistake of one kind beforehand
 constexpr double kPoseNear = 0.05, kTurnNear = 5 * kPi / 180;  // m, rad: a given pose
-constexpr double kPoseNumbers = 6, kViewNumbers = 12;
 
 /// The density of given poses where they came out.
 double log_poses(const Recording& recording, const TrialFit& fit) {
@@ -26,7 +25,7 @@ double log_poses(const Recording& recording, const TrialFit& fit) {
         inverse(get_pose(table.initial, start)) * get_pose(fit.values.shared, start);
     const double moved = change.translation.squaredNorm() / (kPoseNear * kPoseNear),
                  turned = log_so3(change.rotation).squaredNorm() / (kTurnNear * kTurnNear);
-    out -= (kPoseNumbers + 1) / 2 * std::log1p(moved + turned);
+    out -= 3.5 * std::log1p(moved + turned);  // (6 + 1) / 2
   };
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     add(table.sensor_mount[s], rig.sensors[s].pose_given);
@@ -35,15 +34,11 @@ double log_poses(const Recording& recording, const TrialFit& fit) {
   return out;
 }
 
-/// How many numbers views have, of a rigid thing with unknown noise of its points.
-double numbers_of(const Recording& recording, const std::vector<int>& samples) {
+/// The effective residuals of all views, as the evidence counts them.
+double view_residuals(const ModelEvidence& evidence) {
   double out = 0;
-  for (const int i : samples)
-    for (const View& v : recording.samples[i].views) {
-      const SensorModel& model = *recording.rig.sensors[v.sensor].model;
-      const size_t points = model.measures_pose() ? 1 : v.ids.size();
-      out += std::min(kViewNumbers, static_cast<double>(model.rows() * points));
-    }
+  for (size_t k = 0; k < evidence.kinds.size(); ++k)
+    if (evidence.kinds[k].sensor >= 0) out += evidence.numbers(static_cast<Eigen::Index>(k));
   return out;
 }
 
@@ -61,11 +56,11 @@ double log_evidence(const Recording& recording, const TrialContext& context, con
   if (!std::isfinite(freed.chi2) || freed.samples.empty()) return -kInfinity;
   EstimationSetup setup = freed.setup;
   setup.loss = Loss();
-  const double numbers = numbers_of(recording, freed.samples);
-  const double out = evidence(recording, freed.samples, setup, freed.values).log +
-                     log_poses(recording, freed) + kAnywhere * numbers;
-  return std::isfinite(out) ? out + (h && h->shrinks < 1 ? std::log(h->shrinks) * numbers : 0)
-                            : -kInfinity;
+  const ModelEvidence found = evidence(recording, freed.samples, setup, freed.values);
+  const double unit = h && h->shrinks < 1 ? std::log(h->shrinks) : 0,
+               out = found.log + log_poses(recording, freed) +
+                     (kAnywhere + unit) * view_residuals(found);
+  return std::isfinite(out) ? out : -kInfinity;
 }
 
 void tell_alternative(const TrialContext& context, const Hypothesis& h, const Trial& trial,

@@ -1,14 +1,15 @@
-// What the data say of a mistake undone against the data as they are: log odds.
+// Log odds of a mistake, undone, against the data as they are.
 //
-// Both are fitted with everything free besides that robots usually have wrong, as far as they have
-// it (rig/scales.h), so that what a robot is not drawn like counts for neither; their evidence is
-// the log marginal likelihood with unknown noise (evidence/evidence.h). To it come
+// Both are fitted with all usual errors of a robot free, with priors of their usual size
+// (rig/scales.h), so that errors of the robot's own geometry favour neither. Their evidence is the
+// log marginal likelihood with unknown noise (evidence/evidence.h), plus
 //     for each pose that the rig gives and the fit frees, moved by d (5 cm and 5 degrees each count
-//     as 1):  -7/2 ln(1 + d^2), a Cauchy density in six dimensions: it is somewhere near, or wrong;
-//     for each number that is left out (of a view 12 at most):  -ln 300, for what does not belong
-//     may be anywhere within 300 sigmas;
-//     where lengths are measured in another unit k, n numbers change their density by k^n.
-// Beforehand one recording in a hundred has a mistake of a kind, and all of its kind are as likely.
+//     as 1):  -7/2 ln(1 + d^2), a Cauchy density in six dimensions;
+//     for each effective residual of a view that is left out:  -ln 300: an outlier may be anywhere
+//     within 300 sigmas;
+//     if the mistake is a unit (lengths k times as large), n ln k for n effective residuals.
+// Prior odds: each kind of mistake is in one recording of a hundred, shared by all of its kind.
+// Nothing is decided by these odds yet; their rate of false alarms has not been measured.
 #pragma once
 
 #include <vector>

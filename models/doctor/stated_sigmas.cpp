@@ -84,7 +84,7 @@ std::optional<NoiseFit> fit_noise(const Recording& recording, const TrialContext
 
 bool wrong(const NoiseLevel& level) {
   const double factor = level.seen / level.assumed;
-  return level.assumed > 0 && level.uncertainty < kKnown &&
+  return level.guess == 0 && level.assumed > 0 && level.uncertainty < kKnown &&
          (factor >= kWrong || factor <= 1 / kWrong);
 }
 

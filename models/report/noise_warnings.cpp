@@ -168,7 +168,9 @@ std::string guessed_noise_text(const Report& report, Subjects& where) {
 
 /// A level that came out so much larger than such noise is that it is hardly noise; null: none.
 const NoiseLevel* beyond_noise(const Report& report) {
-  constexpr double kLargest = 30;  // times the guess: 6 px, 6 mrad
+  // Times the guess: 6 px, 6 mrad. No sensor or joint that works is so noisy; true noise of ten
+  // times the guess came out above it in none of 300 recordings (benchmarks/README.md).
+  constexpr double kLargest = 30;
   for (const NoiseLevel& level : report.noise_levels)
     if (level.guess > 0 && level.used > kLargest * level.guess) return &level;
   return nullptr;
@@ -329,7 +331,7 @@ void warn_of_guessed_noise(const Report& report, Notices& out) {
     notice.severity = Severity::doubt;
     notice.what =
         level_name(*level) + text(" is %.2g ", level->used) + level->unit +
-        text(" off, %.0f times what is usual, if that is noise; ", level->used / level->guess) +
+        text(" off, %.0f times the usual noise, if it is noise; ", level->used / level->guess) +
         notice.what;
     notice.cure =
         "state the noise in the rig if it is that large; else look for a mistake (`check`)";

@@ -113,12 +113,13 @@ void warn_of_gauges(const Report& report, Notices& out) {
     for (const Component& c : gauge.with) with.push_back(table.name(c));
     fixed.push_back(table.name(gauge.fixed));
     cases.push_back({Subject::parameter(fixed.back()),
-                     "no posture tells " + fixed.back() + " from " + listed(with, kNamed) +
-                         (gauge.given ? ": it is kept as the rig has it"
-                                      : ": it is kept where the search for a start put it")});
+                     fixed.back() + " cannot be distinguished from " + listed(with, kNamed) +
+                         " in any posture" +
+                         (gauge.given ? ": it is fixed as the rig gives it"
+                                      : ": it is fixed at its starting value")});
   }
   warn(NoticeKind::gauge, "parameters are free choices", std::move(cases),
-       "nothing that is measured depends on the choice; if the others are to be right in the room, "
+       "no measurement depends on the choice; if you need the absolute position of the others, "
        "measure " +
            listed(fixed, kNamed) + " and write the pose into the rig",
        out);
