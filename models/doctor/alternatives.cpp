@@ -2,73 +2,199 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
-#include "../evidence/evidence.h"
+#include "../rig/numbers.h"
+#include "../rig/scales.h"
 
 namespace kincal {
 namespace {
 
-const double kAnywhere = std::log(300.0);  // sigmas: range of a residual of an outlier
-const double kOfAKind = std::log(0.01);    // odds of a mistake of one kind beforehand
-constexpr double kPoseNear = 0.05, kTurnNear = 5 * kPi / 180;  // m, rad: a given pose
+// Density of a number that is left out, anywhere within 300 sigmas, over that of a normal one's
+// top; what a number that is kept has on the average.
+const double kAnywhere = std::log(300.0 / std::sqrt(2 * kPi)), kOfAKept = 0.5;
+constexpr double kMovesAs = 6;  // numbers of how a thing moves as a whole
+const double kOfAKind = std::log(0.01), kRarer = std::log(0.001);  // odds beforehand
+constexpr double kPoseNear = 0.05, kTurnNear = 5 * kPi / 180;      // m, rad: a given pose
+constexpr double kRoughNumbers = 12;  // of a view: six of where its target is, six of the rest
 
-/// The density of given poses where they came out.
-double log_poses(const Recording& recording, const TrialFit& fit) {
+/// Whether a hypothesis frees this parameter because it may be anywhere.
+bool is_sought(const ParameterTable& table, int parameter, const Hypothesis* h) {
+  if (!h) return false;
+  const Parameter& p = table.all[parameter];
+  if (p.kind == ParameterKind::square && std::count(h->squares.begin(), h->squares.end(), p.owner))
+    return true;
+  return std::any_of(h->free.begin(), h->free.end(),
+                     [&](const std::string& name) { return name.rfind(p.name, 0) == 0; });
+}
+
+/// The density of what the steps free without a prior where it came out.
+double log_moved(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   double out = 0;
-  const auto add = [&](int parameter, bool given) {
-    const Freed* freed = parameter < 0 ? nullptr : find_freed(fit.setup.free, parameter);
-    if (!given || !freed || !freed->whole(table.all[parameter])) return;
-    const int start = table.all[parameter].start;
-    const Pose change =
-        inverse(get_pose(table.initial, start)) * get_pose(fit.values.shared, start);
-    const double moved = change.translation.squaredNorm() / (kPoseNear * kPoseNear),
-                 turned = log_so3(change.rotation).squaredNorm() / (kTurnNear * kTurnNear);
-    out -= 3.5 * std::log1p(moved + turned);  // (6 + 1) / 2
-  };
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    add(table.sensor_mount[s], rig.sensors[s].pose_given);
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0) add(table.target_mount[t], rig.targets[t].pose_given);
+  for (const Freed& freed : fit.setup.free) {
+    const Parameter& p = table.all[freed.parameter];
+    if (p.pose) {
+      const bool given = p.kind == ParameterKind::sensor_pose   ? rig.sensors[p.owner].pose_given
+                         : p.kind == ParameterKind::target_pose ? rig.targets[p.owner].pose_given
+                                                                : true;
+      if (!freed.whole(p)) continue;
+      if (!given) {  // (3 + 1) / 2
+        out -= 2 * std::log1p(get_pose(fit.values.shared, p.start).translation.squaredNorm());
+        continue;
+      }
+      const Pose change =
+          inverse(get_pose(table.initial, p.start)) * get_pose(fit.values.shared, p.start);
+      const double moved = change.translation.squaredNorm() / (kPoseNear * kPoseNear),
+                   turned = log_so3(change.rotation).squaredNorm() / (kTurnNear * kTurnNear);
+      out -= 3.5 * std::log1p(moved + turned);  // (1 + 6) / 2
+      continue;
+    }
+    const bool sought = is_sought(table, freed.parameter, h);
+    for (const int c : freed.components) {
+      if (std::any_of(fit.setup.priors.begin(), fit.setup.priors.end(), [&](const Prior& prior) {
+            return prior.parameter == freed.parameter && prior.component == c;
+          }))
+        continue;
+      const double usual = scales(table, {freed.parameter, c}, table.initial).usual,
+                   d = (fit.values.shared(p.start + c) - table.initial(p.start + c)) / usual;
+      if (usual > 0) out -= sought ? std::log1p(d * d) : 2 * std::log1p(d * d / 3);
+    }
+  }
   return out;
 }
 
-/// The effective residuals of all views, as the evidence counts them.
-double view_residuals(const ModelEvidence& evidence) {
+/// What an effective residual of a sensor's view adds that is kept.
+double of_a_residual(const Hypothesis* h, int sensor) {
+  return kOfAKept + (h && h->rescaled == sensor ? std::log(h->factor) : 0);
+}
+
+double rough_numbers(const Recording& recording, const View& v) {
+  const SensorModel& model = *recording.rig.sensors[v.sensor].model;
+  const size_t points = model.measures_pose() ? 1 : v.ids.size();
+  return std::min(kRoughNumbers, model.rows() * static_cast<double>(points));
+}
+double rough_numbers(const Recording& recording, const Sample& sample) {
   double out = 0;
-  for (size_t k = 0; k < evidence.kinds.size(); ++k)
-    if (evidence.kinds[k].sensor >= 0) out += evidence.numbers(static_cast<Eigen::Index>(k));
+  for (const View& v : sample.views) out += rough_numbers(recording, v);
+  return out;
+}
+
+/// The numbers that are wrong with what is left out: six of the views of a target from one body in a
+/// sample, twice the points of a view that keeps others.
+double left_out(const Recording& given, const Recording& kept, const std::vector<int>& fitted) {
+  std::map<std::string, const Sample*> by_id;
+  for (const int s : fitted) by_id[kept.samples[s].id] = &kept.samples[s];
+  double out = 0;
+  for (const Sample& sample : given.samples) {
+    if (sample.views.empty()) continue;
+    const auto found = by_id.find(sample.id);
+    if (found == by_id.end() || found->second->views.empty()) {
+      std::map<std::pair<int, int>, double> apart;  // sensors of one body see a target alike
+      for (const View& v : sample.views) {
+        double& numbers =
+            apart[{immobile_body(given.rig.tree, given.rig.sensors[v.sensor].link), v.target}];
+        numbers = std::min(kMovesAs, numbers + rough_numbers(given, v));
+      }
+      for (const auto& entry : apart) out += entry.second;
+      continue;
+    }
+    const std::vector<View>& views = found->second->views;
+    const bool all_kept = views.size() == sample.views.size();  // if of another target
+    for (size_t k = 0; k < sample.views.size(); ++k) {
+      const View& v = sample.views[k];
+      const auto same = all_kept ? views.begin() + static_cast<std::ptrdiff_t>(k)
+                                 : std::find_if(views.begin(), views.end(), [&](const View& o) {
+                                     return o.sensor == v.sensor && o.target == v.target;
+                                   });
+      const double points = static_cast<double>(v.ids.size()) -
+                            static_cast<double>(same == views.end() ? 0 : same->ids.size());
+      out += same == views.end() ? std::min(kMovesAs, rough_numbers(given, v))
+                                 : std::clamp(2 * points, 0.0, 2 * kMovesAs);
+    }
+  }
   return out;
 }
 
 }  // namespace
 
-double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
-                    const TrialFit& fit, const Hypothesis* h) {
+std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
+                                              const TrialContext& context, const Stage& stage,
+                                              const TrialFit& fit,
+                                              const std::vector<std::string>& as_stated) {
   TrialOptions options;
   options.iterations = 30;
   options.relative_decrease = 1e-6;
   options.start = &fit.values;
   options.loss = Loss();
-  const Stage usual = with_usual_errors(recording, stage);
-  const TrialFit freed = trial_fit(recording, context, {usual}, options);
-  if (!std::isfinite(freed.chi2) || freed.samples.empty()) return -kInfinity;
-  EstimationSetup setup = freed.setup;
-  setup.loss = Loss();
-  const ModelEvidence found = evidence(recording, freed.samples, setup, freed.values);
-  const double unit = h && h->shrinks < 1 ? std::log(h->shrinks) : 0,
-               out = found.log + log_poses(recording, freed) +
-                     (kAnywhere + unit) * view_residuals(found);
-  return std::isfinite(out) ? out : -kInfinity;
+  FreerFit out;
+  out.fit =
+      trial_fit(recording, context, {with_usual_errors(recording, stage, as_stated)}, options);
+  if (!std::isfinite(out.fit.chi2) || out.fit.samples.empty()) return std::nullopt;
+  out.evidence = evidence(recording, out.fit.samples, out.fit.setup, out.fit.values);
+  if (!std::isfinite(out.evidence.log)) return std::nullopt;
+  return out;
 }
 
-void tell_alternative(const TrialContext& context, const Hypothesis& h, const Trial& trial,
-                      double as_is, size_t alike) {
-  const double log = log_evidence(trial.recording, context, trial.stage, trial.fit, &h);
-  context.tried->push_back(
-      {h.kind, h.where,
-       log - as_is + kOfAKind - std::log(static_cast<double>(std::max<size_t>(1, alike)))});
+double precision(double log_odds) {
+  constexpr double kOfEnds = 2e-3, kLeast = 2;  // of what a mistake explains; nats
+  return kLeast + kOfEnds * std::max(0.0, log_odds);
+}
+
+double log_prior(bool rarer, size_t alike) {
+  return (rarer ? kRarer : kOfAKind) - std::log(static_cast<double>(std::max<size_t>(1, alike)));
+}
+
+double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit) {
+  const double noise = std::log(std::max(1.0, std::isfinite(fit.per_dof()) ? fit.per_dof() : 1.0));
+  return -(kAnywhere + noise / 2) * left_out(given, kept, fit.samples);
+}
+
+double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
+                    const TrialFit& fit, const Hypothesis* h,
+                    const std::vector<std::string>& as_stated) {
+  const std::optional<FreerFit> freer =
+      fit_with_usual_errors(recording, context, stage, fit, as_stated);
+  if (!freer) return -kInfinity;
+  const ModelEvidence& found = freer->evidence;
+  double out = found.log + log_moved(recording, freer->fit, h);
+  for (size_t k = 0; k < found.kinds.size(); ++k)
+    if (const int sensor = found.kinds[k].sensor; sensor >= 0)
+      out += found.numbers(static_cast<Eigen::Index>(k)) * of_a_residual(h, sensor);
+  return out;
+}
+
+double log_by_chance(const Recording& recording, const TrialFit& now, const Trial& trial) {
+  constexpr double kTimes = 3;
+  const TrialFit& fit = trial.fit;
+  if (!now.complete() || !fit.complete()) return 0;
+  std::map<std::string, double> without;  // mean squares by sample
+  for (size_t i = 0; i < fit.sample.size(); ++i)
+    without[trial.recording.samples[i].id] = fit.sample[i];
+  Mean gain, square;
+  for (size_t i = 0; i < now.sample.size(); ++i) {
+    const auto other = without.find(recording.samples[i].id);
+    if (other == without.end() || !std::isfinite(now.sample[i] + other->second)) continue;
+    const double by = rough_numbers(recording, recording.samples[i]) / 2 *
+                      (now.sample[i] / now.per_dof() - other->second / fit.per_dof());
+    gain.sum += by, ++gain.count;
+    square.sum += by * by, ++square.count;
+  }
+  const double variance = square.value() - gain.value() * gain.value();
+  return kTimes * std::sqrt(std::max(0.0, variance) * static_cast<double>(gain.count));
+}
+
+double rough_log_evidence(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {
+  if (!std::isfinite(fit.chi2) || fit.samples.empty()) return -kInfinity;
+  double numbers = 0, out = log_moved(recording, fit, h);
+  for (const int s : fit.samples) {
+    numbers += rough_numbers(recording, recording.samples[s]);
+    for (const View& v : recording.samples[s].views)
+      out += rough_numbers(recording, v) * of_a_residual(h, v.sensor);
+  }
+  const double per_dof = fit.cost / static_cast<double>(std::max(1L, fit.dof));
+  return out - numbers * std::log(std::max(1e-12, per_dof)) / 2;
 }
 
 }  // namespace kincal

@@ -1,30 +1,79 @@
-// Log odds of a mistake, undone, against the data as they are.
+// Log odds of a mistake, undone, against the data as they are: what the doctor decides by.
 //
-// Both are fitted with all usual errors of a robot free, with priors of their usual size
-// (rig/scales.h), so that errors of the robot's own geometry favour neither. Their evidence is the
-// log marginal likelihood with unknown noise (evidence/evidence.h), plus
-//     for each pose that the rig gives and the fit frees, moved by d (5 cm and 5 degrees each count
-//     as 1):  -7/2 ln(1 + d^2), a Cauchy density in six dimensions;
-//     for each effective residual of a view that is left out:  -ln 300: an outlier may be anywhere
-//     within 300 sigmas;
-//     if the mistake is a unit (lengths k times as large), n ln k for n effective residuals.
-// Prior odds: each kind of mistake is in one recording of a hundred, shared by all of its kind.
-// Nothing is decided by these odds yet; their rate of false alarms has not been measured.
+// Both are fitted with all errors free that a robot has which was built from its drawing
+// (with_usual_errors()), so that errors of its own geometry favour neither. Their evidence is the
+// log marginal likelihood with unknown noise (evidence/evidence.h), plus these terms.
+//
+// - A pose that the rig gives and the steps free, moved by d (5 cm and 5 degrees each count as 1):
+//   -7/2 ln(1 + d^2), Cauchy's density in six dimensions.
+//
+// - A pose that the rig does not give, t metres from its link: -2 ln(1 + t^2), Cauchy's density in
+//   three dimensions, for robots are some metres large.
+//
+// - Another number that the steps free without a prior, moved by d of its usual error:
+//   -2 ln(1 + d^2 / 3), Student's density with three degrees of freedom; where the mistake itself
+//   frees it: -ln(1 + d^2), Cauchy's.
+//
+// - A number that is wrong with what is left out: -ln(300 / sqrt(2 pi)). It may be anywhere within
+//   300 sigmas (of the noise that the fit leaves), where a number that is kept is normal. Six
+//   numbers are wrong with a view (it stands elsewhere as a whole), two with a point.
+//
+// - If undoing the mistake multiplies what a sensor measures by k (a unit): n ln k for the n
+//   effective residuals of that sensor. The densities are of the same numbers then.
+//
+// Prior odds: each kind of mistake is in one recording of a hundred, a rarer one in one of a
+// thousand, shared by all of its kind. A finding has odds of 99 to 1 against the data as they are,
+// beyond what differs by chance where neither explains them. A mistake that frees numbers, and then
+// explains the data, may also have these odds where everything else is as the rig states it: among
+// the errors of any robot is also a square or a baseline that is some percent off.
 #pragma once
 
-#include <vector>
+#include <cmath>
+#include <optional>
 
+#include "../evidence/evidence.h"
 #include "trial_fits.h"
 
 namespace kincal {
 
-/// Returns the log evidence of a trial, or of the data as they are (`h` null).
-double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
-                    const TrialFit& fit, const Hypothesis* h);
+/// Log odds from which on a mistake is a finding: 99 %.
+const double kFound = std::log(99.0);
+/// Log odds within which another mistake may be the cause as well: 90 %.
+const double kAsLikely = std::log(9.0);
+/// Returns by how much the log odds of mistakes differ that explain the same: their fits end a
+/// little apart.
+double precision(double log_odds);
 
-/// Adds what a trial says against the data as they are, of which `as_is` is the evidence, to what
-/// was tried. `alike`: mistakes of its kind.
-void tell_alternative(const TrialContext& context, const Hypothesis& h, const Trial& trial,
-                      double as_is, size_t alike);
+/// Returns the log odds of a mistake before the data are looked at. `alike`: mistakes of its kind.
+double log_prior(bool rarer, size_t alike);
+
+/// A FreerFit is one with all usual errors free besides, and its evidence.
+struct FreerFit {
+  TrialFit fit;
+  ModelEvidence evidence;
+};
+/// Returns that of a trial, where the numbers `as_stated` are not among the errors; nothing: it has
+/// no evidence.
+std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
+                                              const TrialContext& context, const Stage& stage,
+                                              const TrialFit& fit,
+                                              const std::vector<std::string>& as_stated = {});
+
+/// Returns the log evidence of a trial, or of the data as they are (`h` null), without what is left
+/// out.
+double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
+                    const TrialFit& fit, const Hypothesis* h = nullptr,
+                    const std::vector<std::string>& as_stated = {});
+/// Returns the log density of what a fit of a recording leaves out of the given one.
+double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit);
+
+/// Returns how far the log evidence of a trial and of the data as they are differs by chance where
+/// neither explains them:
+/// three times the standard deviation of the sum over samples (Vuong, Econometrica 57, 1989).
+double log_by_chance(const Recording& recording, const TrialFit& now, const Trial& trial);
+
+/// Returns about the log evidence, from what a fit has left, without further fits: residuals of any
+/// view count as at most twelve, with one unknown factor of the noise. To rank trials by.
+double rough_log_evidence(const Recording& recording, const TrialFit& fit, const Hypothesis* h);
 
 }  // namespace kincal

@@ -127,6 +127,8 @@ Hypothesis normalised_views(const Rig& rig, int s, bool undistorted) {
            (undistorted ? " (not those of undistortPoints)" : "") +
            ", or give the rig model: pinhole, intrinsics: [1, 1, 0, 0] and a sigma that is "
            "divided by fx";
+  h.rescaled = s;
+  h.factor = (*intrinsics_of(rig.sensors[s]))[0];
   h.undo = [s, undistorted](Rig& r, std::vector<Sample>& samples) {
     Sensor& camera = r.sensors[s];
     const std::vector<double> k = *intrinsics_of(camera);

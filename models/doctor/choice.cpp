@@ -2,8 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
-#include <limits>
 #include <map>
 #include <set>
 #include <stdexcept>
@@ -57,11 +55,13 @@ constexpr double kBearing = 10;        // sigmas: beyond, a first look bears wha
 constexpr size_t kMostWithout = 4;     // of so many samples one may have points behind its camera
 constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
 constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
+constexpr size_t kMostLooks = 4;       // hypotheses that are weighed with all samples
 constexpr double kHopeless = 20;       // times the least chi2 so far: not worth more
+constexpr double kFarBehind = 50;      // nats of rough evidence: not worth the evidence
 
-/// A hypothesis of the list, and what the first look at it left.
+/// A hypothesis of the list, and its evidence: rough, at the first look, or its log odds.
 struct Look {
-  double cost;
+  double log;
   size_t index;
 };
 
@@ -104,16 +104,12 @@ bool has_collapsed(const Trial& t) {
 
 /// `recording`: what the hypothesis is tried on, all samples or some.
 Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
-                     const TrialFit& now, Effort effort) {
+                     Effort effort) {
   Rig rig = recording.rig;
   Samples samples = recording.samples;
   h.undo(rig, samples);
   if (h.ignored_joint >= 0) rig.joints[h.ignored_joint].sigma = 1;
-  // What leaves out most of the data explains nothing: readings of which no other sense can be
-  // made.
-  const bool emptied = 2 * samples.size() < recording.samples.size();
   Trial t{Recording(std::move(rig), std::move(samples)), context.all, {}, kInfinity};
-  if (emptied) return t;
   t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
   for (int square : h.squares)
     t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
@@ -123,200 +119,192 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
     t.cost = has_collapsed(t) ? kInfinity : t.fit.score();
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
-  if (h.leaves_out)
-    t.cost *= Thresholds::leaving_out * static_cast<double>(now.dof) /
-              static_cast<double>(std::max(1L, t.fit.dof));
   return t;
 }
 
-/// Whether chi2 falls enough. `strict`: a fit that proves the sigmas does not lower the demand, for
-/// unknowns were added or data left out.
-bool believed(const TrialFit& before, const TrialFit& now, double now_cost, bool strict) {
-  const double per_dof = now.per_dof();
-  // Another mistake may spoil some points besides.
-  if (!before.complete())
-    return per_dof < Thresholds::overwhelming ||
-           (now.complete() && now.typical() < Thresholds::overwhelming);
-  double worst = 0;  // a sensor's share of all may be small
-  for (size_t s = 0; s < std::min(before.sensor.size(), now.sensor.size()); ++s)
-    if (before.sensor[s] > Thresholds::good)
-      worst = std::max(worst, before.sensor[s] / now.sensor[s]);
-  if (per_dof < Thresholds::clean && !strict)
-    return before.cost > Thresholds::clean_gain * now_cost ||
-           (worst > Thresholds::decisive && before.cost > now_cost);
-  const bool little = per_dof < Thresholds::noise || (worst > Thresholds::of_a_sensor && !strict);
-  return before.cost > (little ? Thresholds::decisive : Thresholds::overwhelming) * now_cost;
+/// Whether the numbers that the trial found are ones that such a mistake has.
+bool makes_sense(const Rig& rig, const Hypothesis& h, const Trial& t) {
+  return (h.squares.empty() || !size_factors(rig, h, t).empty()) &&
+         (!h.told || !told(h, t).first.empty());
 }
 
-bool explains(const Rig& rig, const Question& question, const Hypothesis& h, const Trial& t) {
-  if (question.by_movement)
-    return t.cost < 1.3 * question.now.cost && return_of_movement(question.now, t.fit) > 0;
-  if (!h.squares.empty() && size_factors(rig, h, t).empty()) return false;
-  if (h.proves && !(t.fit.per_dof() < Thresholds::clean)) return false;
-  if (h.told && told(h, t).first.empty()) return false;
-  const double cost =
-      h.leaves_out ? t.cost / Thresholds::leaving_out : t.cost / (h.shrinks * h.shrinks);
-  return believed(question.now, t.fit, cost, h.leaves_out || h.ignored_joint >= 0 || h.told);
-}
-
-/// The best few of the candidates from `first` to `end`, by a few iterations with some samples;
-/// best first.
+/// The likeliest few of the candidates from `first` to `end`, by a few iterations with some
+/// samples; the likeliest first.
 std::vector<Look> shortlist(const Recording& recording, const TrialContext& context,
-                            const Question& question, const std::vector<Hypothesis>& candidates,
+                            const TrialFit& now, const std::vector<Hypothesis>& candidates,
                             size_t first, size_t end) {
   const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
   std::vector<Look> order;
-  double least = kInfinity;
+  double least = good(now) ? kInfinity : now.score();
   bool explained = false;
   for (size_t i = first; i < end; ++i) {
     context.report(static_cast<int>(i - first), static_cast<int>(end - first));
     if (explained && candidates[i].many) continue;
-    const Effort effort = {10, 1e-2, false, question.by_movement ? kInfinity : kHopeless * least};
-    const Trial t = try_hypothesis(some, context, candidates[i], question.now, effort);
-    const double shrinks = candidates[i].shrinks * candidates[i].shrinks;
-    if (!std::isfinite(t.cost) ||
-        (shrinks < 1 && question.now.complete() && t.cost > shrinks * question.now.cost))
-      continue;
+    const Trial t =
+        try_hypothesis(some, context, candidates[i], {10, 1e-2, false, kHopeless * least});
+    if (!std::isfinite(t.cost)) continue;
     least = std::min(least, t.cost);
-    explained = explained || (t.fit.complete() && t.fit.per_dof() < Thresholds::clean);
-    if (!question.by_movement)
-      order.push_back({t.cost, i});
-    else if (return_of_movement(question.now, t.fit) > 0)
-      order.push_back({t.fit.per_dof() / return_of_movement(question.now, t.fit), i});
+    explained = explained || (!good(now) && good(t.fit));
+    order.push_back({rough_log_evidence(t.recording, t.fit, &candidates[i]) +
+                         log_left_out(some, t.recording, t.fit),
+                     i});
   }
-  const auto by_cost = [](const Look& a, const Look& b) {
-    return std::pair(a.cost, a.index) < std::pair(b.cost, b.index);
-  };
-  std::sort(order.begin(), order.end(), by_cost);
-  // Numberings of a board whose pose is free are all as good: of such the likelier ones come first.
+  std::sort(order.begin(), order.end(), [](const Look& a, const Look& b) {
+    return std::pair(-a.log, a.index) < std::pair(-b.log, b.index);
+  });
+  // Of what is as likely as the first, what is usual goes before.
   const auto worse = std::find_if(order.begin(), order.end(), [&](const Look& look) {
-    return look.cost > 1.02 * order.front().cost;
+    return look.log < order.front().log - kAsLikely;
   });
   std::sort(order.begin(), worse, [](const Look& a, const Look& b) { return a.index < b.index; });
-  if (order.size() > 4) order.resize(4);
+  if (order.size() > kMostLooks) order.resize(kMostLooks);
   return order;
 }
 
-/// Numbers that are free besides.
-size_t extras(const Hypothesis& h) { return h.squares.size() + h.free.size(); }
-
-/// The factor within which two fits are equally good. A number that is free takes part of other
-/// mistakes up; so do two signs, or a zero, of which there are many.
-double equal_within(const Hypothesis& a, const Hypothesis& b, bool rarer) {
-  const bool one_told = (a.told && extras(b) == 0) || (b.told && extras(a) == 0);
-  return rarer ? Thresholds::decisive : one_told ? 2.5 : 1.2;
+/// How many things a kind of mistake may be about.
+size_t alike(const std::vector<Hypothesis>& all, NoticeKind kind) {
+  std::set<std::vector<std::string>> things;
+  for (const Hypothesis& h : all)
+    if (h.kind == kind) things.insert(names_of(h.where));
+  return things.size();
 }
 
-/// Leaves what can be no reason that the estimate is far from the rig's values.
-void leave_out_what_moves_nothing(std::vector<Hypothesis>& all) {
-  all.erase(std::remove_if(all.begin(), all.end(),
-                           [](const Hypothesis& h) {
-                             return h.numbered_by_markers || !h.squares.empty() || !h.free.empty();
-                           }),
-            all.end());
-}
+/// Weighs hypotheses with all samples against the data as they are, and keeps the likeliest.
+class Weighing {
+ public:
+  Weighing(const Recording& recording, const TrialContext& context, const TrialFit& now)
+      : recording_(recording),
+        context_(context),
+        now_(now),
+        rough_(rough_log_evidence(recording, now, nullptr) +
+               log_left_out(recording, recording, now)) {}
+
+  void weigh(const std::vector<Hypothesis>& all, size_t index) {
+    const Hypothesis& h = all[index];
+    const bool all_kept = best_ && !best_->hypothesis.leaves_out;
+    const double give_up = good(now_) ? kInfinity
+                           : all_kept ? kHopeless * best_->trial.cost
+                                      : now_.score();
+    Trial t = try_hypothesis(recording_, context_, h, {100, 1e-9, false, give_up});
+    if (!std::isfinite(t.cost) || !makes_sense(recording_.rig, h, t)) return;
+    const double rough =
+        rough_log_evidence(t.recording, t.fit, &h) + log_left_out(recording_, t.recording, t.fit);
+    if (rough < rough_ - kFarBehind) return;
+    rough_ = std::max(rough_, rough);
+    if (!as_is_)
+      as_is_ = log_evidence(recording_, context_, context_.all, now_) +
+               log_left_out(recording_, recording_, now_);
+    const double log = log_evidence(t.recording, context_, t.stage, t.fit, &h) +
+                       log_left_out(recording_, t.recording, t.fit) +
+                       log_prior(h.rarer, alike(all, h.kind));
+    const double log_odds = log - *as_is_;
+    if (context_.tried) context_.tried->push_back({h.kind, h.where, log_odds});
+    const double by_chance =
+        t.fit.per_dof() < Thresholds::noise ? 0 : log_by_chance(recording_, now_, t);
+    if (!(log_odds - by_chance > kFound) &&
+        !(good(t.fit) && now_.per_dof() > Thresholds::clean_gain * t.fit.per_dof() &&
+          explains_numbers(h, t)))
+      return;
+    found_.push_back({h.kind, h.where, log_odds});
+    const Look look = {log_odds, index + (h.rarer ? all.size() : 0)};
+    if (best_ && !is_before(look)) return;
+    best_.emplace(Explanatory{h, std::move(t), log_odds, {}});
+    best_at_ = look;
+  }
+
+  bool found() const { return best_.has_value(); }
+  /// Whether nothing is left that would need an explanation.
+  bool explained() const {
+    return best_ && good(best_->trial.fit) && !best_->hypothesis.leaves_out;
+  }
+  bool is_best(NoticeKind kind) const { return best_ && best_->hypothesis.kind == kind; }
+
+  std::optional<Explanatory> take() {
+    for (const Alternative& a : found_)
+      if (a.log_odds > best_->log_odds - kAsLikely - precision(best_->log_odds) &&
+          a.kind != best_->hypothesis.kind)
+        best_->as_likely.push_back(a);
+    return std::move(best_);
+  }
+
+ private:
+  /// Whether this is likelier than the best, or as likely and more usual.
+  bool is_before(const Look& look) const {
+    const double apart = precision(std::max(look.log, best_at_.log));
+    return look.log > best_at_.log + (look.index < best_at_.index ? -apart : apart);
+  }
+
+  /// Whether numbers that the mistake frees are not as stated, if all else is.
+  bool explains_numbers(const Hypothesis& h, const Trial& t) const {
+    const std::vector<std::string> all = {"*"};
+    return !(h.squares.empty() && h.free.empty()) &&
+           log_evidence(t.recording, context_, t.stage, t.fit, &h, all) + log_prior(h.rarer, 1) -
+                   log_evidence(recording_, context_, context_.all, now_, nullptr, all) >
+               kFound;
+  }
+
+  const Recording& recording_;
+  const TrialContext& context_;
+  const TrialFit& now_;
+  double rough_;                 // of the likeliest so far
+  std::optional<double> as_is_;  // log evidence
+  std::vector<Alternative> found_;
+  std::optional<Explanatory> best_;
+  Look best_at_{-kInfinity, 0};
+};
 
 }  // namespace
 
 std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
-                                  const Question& question) {
-  const TrialFit& now = question.now;
+                                  const TrialFit& now) {
   const FreedNames freed = freed_names(recording.table, context.all);
   std::vector<Hypothesis> all =
       hypotheses(recording.rig, recording.table, recording.samples, freed);
-  if (question.by_movement) leave_out_what_moves_nothing(all);
+  const bool misfit = !good(now);
+  if (!misfit)  // what the markers say is right
+    all.erase(std::remove_if(all.begin(), all.end(),
+                             [](const Hypothesis& h) { return h.numbered_by_markers; }),
+              all.end());
   const size_t common = all.size();
-  if (!question.by_movement) {
+  Weighing weighing(recording, context, now);
+  const auto weigh_further = [&](std::optional<Hypothesis> h) {
+    if (!h) return;
+    all.push_back(std::move(*h));
+    weighing.weigh(all, all.size() - 1);
+  };
+  const auto weigh_likeliest = [&](size_t first, size_t end) {
+    for (const Look& look : shortlist(recording, context, now, all, first, end))
+      weighing.weigh(all, look.index);
+  };
+  if (misfit) {
     const TrialFit robust = robust_fit(recording, context);
-    for (Hypothesis& h : turned_views(recording, robust)) all.push_back(std::move(h));
-    if (auto h = outlier_points(recording, context, robust)) all.push_back(std::move(*h));
-    if (auto h = bad_samples(recording, context, robust)) all.push_back(std::move(*h));
-    if (auto h = time_lag(recording, context)) all.push_back(std::move(*h));
+    for (Hypothesis& h : turned_views(recording, robust)) weigh_further(std::move(h));
+    weigh_further(outlier_points(recording, context, robust));
+    weigh_further(bad_samples(recording, context, robust));
+    weigh_further(time_lag(recording, context));
   }
-  size_t usual = std::numeric_limits<size_t>::max();  // from here on: the rarer ones
-  std::optional<Trial> best;
-  std::optional<double> as_is;  // log evidence
-  size_t chosen = 0;
-  // Of what fits as well: what moves parameters less, or what is likelier.
-  const auto preferred = [&](const Trial& t, bool earlier) {
-    const double far = t.fit.farthest(), best_far = best->fit.farthest();
-    return far < 0.5 * best_far ||
-           (earlier && t.cost < 1.001 * best->cost && far < 1.001 * best_far + 1e-6);
-  };
-  const auto try_with_all_samples = [&](size_t i) {
-    const Effort effort = {100, 1e-9, false,
-                           question.by_movement ? kInfinity
-                           : best               ? kHopeless * best->cost
-                                                : now.score()};
-    Trial t = try_hypothesis(recording, context, all[i], now, effort);
-    if (context.tried && !question.by_movement && std::isfinite(t.cost)) {
-      if (!as_is) as_is = log_evidence(recording, context, context.all, now, nullptr);
-      tell_alternative(context, all[i], t, *as_is,
-                       std::count_if(all.begin(), all.end(),
-                                     [&](const Hypothesis& h) { return h.kind == all[i].kind; }));
-    }
-    if (!std::isfinite(t.cost) || !explains(recording.rig, question, all[i], t)) return;
-    const double near =
-        best ? equal_within(all[i], all[chosen], (i >= usual) != (chosen >= usual)) : 1;
-    const bool equal = best && t.cost < near * best->cost && best->cost < near * t.cost;
-    const size_t extra = extras(all[i]) + (i >= usual),
-                 fewest = extras(all[chosen]) + (chosen >= usual);
-    const bool simpler = equal && (extra < fewest || (extra == fewest && preferred(t, i < chosen)));
-    if (!best || (equal ? simpler : t.cost < best->cost)) best.emplace(std::move(t)), chosen = i;
-  };
-  // What looked hopeless beside one that then explained all is not tried.
-  const auto try_looked_at = [&](const std::vector<Look>& looks) {
-    double explains_all = kInfinity;
-    for (const Look& look : looks) {
-      if (look.cost > kHopeless * explains_all) continue;
-      try_with_all_samples(look.index);
-      if (!question.by_movement && best && chosen == look.index && best->fit.complete() &&
-          best->fit.per_dof() < Thresholds::clean)
-        explains_all = std::min(explains_all, look.cost);
-    }
-  };
-  for (size_t i = common; i < all.size(); ++i) try_with_all_samples(i);
-  // A few samples or views may be all that is wrong; if many go with it, something else may be
-  // wrong with these.
-  if (!best || best->fit.per_dof() > Thresholds::clean ||
-      static_cast<double>(best->fit.dof) < 0.97 * static_cast<double>(now.dof))
-    try_looked_at(shortlist(recording, context, question, all, 0, common));
+  if (!weighing.explained()) weigh_likeliest(0, common);
   // A shift takes a sample away from the few of a first look, and what is left may start far off.
-  if (!question.by_movement && !best)
+  if (misfit && !weighing.found())
     for (size_t i = 0; i < common; ++i)
-      if (all[i].kind == NoticeKind::shifted) try_with_all_samples(i);
-  if (!question.by_movement && (!best || best->fit.per_dof() > Thresholds::clean))
-    for (Hypothesis& h : turned_poses(recording, context)) {
-      all.push_back(std::move(h));
-      try_with_all_samples(all.size() - 1);
-    }
-  if (!question.by_movement &&
-      (!best || best->fit.per_dof() > Thresholds::clean || all[chosen].leaves_out))
-    if (auto h = moved_target(recording, context)) {
-      all.push_back(std::move(*h));
-      try_with_all_samples(all.size() - 1);
-    }
-  if (!best || (!question.by_movement && best->fit.per_dof() > Thresholds::clean)) {
-    std::vector<Hypothesis> rarer;
-    add_rarer_readings(recording.rig, recording.table, recording.samples, freed, rarer);
+      if (all[i].kind == NoticeKind::shifted) weighing.weigh(all, i);
+  if (misfit && !weighing.explained())
+    for (Hypothesis& h : turned_poses(recording, context)) weigh_further(std::move(h));
+  if (misfit && !weighing.explained()) weigh_further(moved_target(recording, context));
+  if (!weighing.explained()) {
+    if (misfit && !weighing.found()) weigh_further(unfinished_move(recording, context));
+    const size_t usual = all.size();
+    add_rarer_readings(recording.rig, recording.table, recording.samples, freed, all);
     add_orders_of_rows(recording.rig, recording.samples,
-                       make_survey(recording.rig, recording.samples), rarer);
-    if (question.by_movement) leave_out_what_moves_nothing(rarer);
-    if (!question.by_movement && !best)
-      if (auto h = unfinished_move(recording, context)) {
-        all.push_back(std::move(*h));
-        try_with_all_samples(all.size() - 1);
-      }
-    usual = all.size();
-    std::move(rarer.begin(), rarer.end(), std::back_inserter(all));
-    try_looked_at(shortlist(recording, context, question, all, usual, all.size()));
+                       make_survey(recording.rig, recording.samples), all);
+    for (size_t i = usual; i < all.size(); ++i) all[i].rarer = true;
+    weigh_likeliest(usual, all.size());
     // One sign may do what two do, but from a start too far for the first look.
-    if (best && chosen >= usual && all[chosen].kind == NoticeKind::joint_sign)
+    if (weighing.is_best(NoticeKind::joint_sign))
       for (size_t i = 0; i < common; ++i)
-        if (all[i].kind == NoticeKind::joint_sign) try_with_all_samples(i);
+        if (all[i].kind == NoticeKind::joint_sign) weighing.weigh(all, i);
   }
-  if (!best) return std::nullopt;
-  return Explanatory{std::move(all[chosen]), std::move(*best)};
+  return weighing.found() ? weighing.take() : std::nullopt;
 }
 
 std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
@@ -326,7 +314,7 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
         hypotheses(r.rig, r.table, r.samples, freed_names(r.table, stage));
     out.erase(std::remove_if(out.begin(), out.end(),
                              [](const Hypothesis& h) {
-                               return h.ignored_joint >= 0 || !h.free.empty() || h.shrinks < 1;
+                               return h.ignored_joint >= 0 || !h.free.empty() || h.rescaled >= 0;
                              }),
               out.end());
     return out;
@@ -334,34 +322,33 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
   const std::vector<Hypothesis> all = plain(recording, context.all);
   std::optional<TwoMistakes> best;
   if (all.size() > kMostForPairs) return best;
-  for (const auto& [first_cost, i] :
-       shortlist(recording, context, {now, false}, all, 0, all.size())) {
-    const Trial one = try_hypothesis(recording, context, all[i], now, {20, 1e-3});
+  for (const Look& first : shortlist(recording, context, now, all, 0, all.size())) {
+    const Trial one = try_hypothesis(recording, context, all[first.index], {20, 1e-3});
     if (!std::isfinite(one.cost)) continue;
     TrialContext further = context;
     further.all = one.stage;
     further.given_poses_freed = frees_given_poses(one.recording, one.stage);
     std::vector<Hypothesis> others = plain(one.recording, one.stage);
-    if (!all[i].squares.empty())
+    if (!all[first.index].squares.empty())
       others.erase(std::remove_if(others.begin(), others.end(),
                                   [](const Hypothesis& h) { return !h.squares.empty(); }),
                    others.end());
-    const Question question = {one.fit, false};
-    for (const auto& [second_cost, k] :
-         shortlist(one.recording, further, question, others, 0, others.size())) {
-      Trial two = try_hypothesis(one.recording, further, others[k], one.fit,
+    for (const Look& second :
+         shortlist(one.recording, further, one.fit, others, 0, others.size())) {
+      Trial two = try_hypothesis(one.recording, further, others[second.index],
                                  {100, 1e-9, false, best ? best->trial.cost : kInfinity});
       if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;
-      best.emplace(TwoMistakes{all[i], others[k], std::move(two)});
+      best.emplace(TwoMistakes{all[first.index], others[second.index], std::move(two), 0});
     }
   }
   if (!best) return best;
-  const double per_dof = best->trial.fit.per_dof();
-  const double demanded =
-      per_dof < Thresholds::noise ? Thresholds::overwhelming : Thresholds::together;
-  const bool enough =
-      now.complete() ? now.cost > demanded * best->trial.cost : per_dof < Thresholds::overwhelming;
-  if (!enough) best.reset();
+  const Trial& both = best->trial;
+  best->log_evidence = log_evidence(both.recording, context, both.stage, both.fit) +
+                       log_left_out(recording, both.recording, both.fit) +
+                       2 * log_prior(false, all.size());
+  const double as_is =
+      log_evidence(recording, context, context.all, now) + log_left_out(recording, recording, now);
+  if (!(best->log_evidence - as_is > kFound)) best.reset();
   return best;
 }
 
@@ -376,8 +363,8 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
   std::vector<std::pair<double, size_t>> order;
   for (size_t i = 0; i < all.size(); ++i) {
     context.report(static_cast<int>(i), static_cast<int>(all.size()));
-    if (all[i].many || all[i].shrinks < 1 || all[i].told || all[i].ignored_joint >= 0) continue;
-    const Trial t = try_hypothesis(some, bearing, all[i], now, {10, 1e-2});
+    if (all[i].many || all[i].rescaled >= 0 || all[i].told || all[i].ignored_joint >= 0) continue;
+    const Trial t = try_hypothesis(some, bearing, all[i], {10, 1e-2});
     if (const double typical = t.fit.typical(); std::isfinite(typical))
       order.push_back({typical, i});
   }
@@ -387,7 +374,7 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
   size_t chosen = 0;
   double least = std::min(Thresholds::overwhelming, as_is / Thresholds::together);
   for (const auto& [_, i] : order) {
-    Trial t = try_hypothesis(recording, bearing, all[i], now, {15, 1e-3});
+    Trial t = try_hypothesis(recording, bearing, all[i], {15, 1e-3});
     TrialContext further = context;
     further.all = t.stage;
     further.all.loss = context.all.loss;
@@ -402,7 +389,7 @@ std::optional<Explanatory> choose_by_most(const Recording& recording, const Tria
     chosen = i;
   }
   if (!best) return std::nullopt;
-  return Explanatory{std::move(all[chosen]), std::move(*best)};
+  return Explanatory{std::move(all[chosen]), std::move(*best), 0, {}};
 }
 
 }  // namespace kincal

@@ -14,19 +14,15 @@ namespace kincal {
 struct Explanatory {
   Hypothesis hypothesis;
   Trial trial;
-};
-
-/// A Question is what is looked for on top of what was undone: chi2, or that the estimate is far
-/// from the rig's values.
-struct Question {
-  const TrialFit& now;
-  bool by_movement;
+  double log_odds;                     // against the data as they are (alternatives.h)
+  std::vector<Alternative> as_likely;  // other kinds that may be the cause as well
 };
 
 /// TwoMistakes explain together what neither does alone; the trial is without both.
 struct TwoMistakes {
   Hypothesis first, second;
   Trial trial;
+  double log_evidence;  // with the prior of both
 };
 
 /// Returns factors by which the sizes of a hypothesis are to be changed. Empty where the scale
@@ -36,9 +32,11 @@ std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Tria
 /// Returns what the numbers that a trial found say (Hypothesis::told): the mistake and its cure.
 std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t);
 
-/// Tests all mistakes and returns the one that explains most, nothing if none explains enough.
+/// Weighs all mistakes and returns the likeliest; nothing if none is a finding. `now`: the fit of
+/// the data as they are; where it leaves nothing to explain, only where its parameters came out
+/// counts.
 std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
-                                  const Question& question);
+                                  const TrialFit& now);
 
 /// Looks for a second mistake on top of each of the few that lower chi2 most, however little.
 std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,

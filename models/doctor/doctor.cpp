@@ -8,13 +8,14 @@
 
 #include "../fitting/free_targets.h"
 #include "../rig/words.h"
+#include "alternatives.h"
 #include "camera_mistakes.h"
 #include "choice.h"
 #include "data_checks.h"
 #include "plausibility.h"
-#include "start_values.h"
 #include "stated_sigmas.h"
 #include "suspects.h"
+#include "target_mistakes.h"
 #include "trial_fits.h"
 #include "two_parts.h"
 
@@ -48,91 +49,37 @@ Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit,
   return out;
 }
 
-/// Parameters that the estimate moved far, and that come back without the mistake.
-std::vector<std::string> returned_parameters(const TrialFit& now, const TrialFit& fit) {
-  std::vector<std::string> out;
-  for (const auto& m : now.moved)
-    if (m.second.times >= 1 && fit.moved.at(m.first).times <= 0.2 * m.second.times)
-      out.push_back(m.first);
+/// Of a fit that leaves nothing to explain: which parameters moved far, and come back without the
+/// mistake.
+Evidence prove_by_movement(const TrialFit& now, const TrialFit& fit) {
+  std::string names;
+  double before = 0, after = 0;
+  for (const auto& [name, moved] : now.moved) {
+    const auto other = fit.moved.find(name);
+    if (moved.times < 1 || other == fit.moved.end() || other->second.times > 0.2 * moved.times)
+      continue;
+    names += (names.empty() ? "" : ", ") + name;
+    before = std::max(before, moved.by);
+    after = std::max(after, other->second.by);
+  }
+  Evidence out = prove_by_chi2(now, fit);
+  if (!names.empty())
+    out.sentences =
+        "The estimate hides it by moving " + names +
+        text(
+            " by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. "
+            "chi2 is %.6g as it is and %.6g without",
+            before, after, now.chi2, fit.chi2);
   return out;
 }
 
-/// The stage with parameters held at the rig's values.
-Stage held(Stage stage, const std::vector<std::string>& parameters) {
-  for (const std::string& name : parameters) stage = without(std::move(stage), name);
-  return stage;
-}
-
-/// Whether a parameter is a whole pose that the rig gives and that the data tell.
-bool is_given_pose(const Recording& recording, const std::string& name) {
-  constexpr int kFewestToTurn = 3;  // points
-  for (const Parameter& p : recording.table.all) {
-    if (p.name != name) continue;
-    if (p.kind == ParameterKind::sensor_pose) return recording.rig.sensors[p.owner].pose_given;
-    return p.kind == ParameterKind::joint_origin ||
-           (p.kind == ParameterKind::target_pose && recording.rig.targets[p.owner].pose_given &&
-            recording.rig.targets[p.owner].count() >= kFewestToTurn);
-  }
-  return false;
-}
-
-/// Whether several poses come back so far, and so near to the rig's values, that this alone is
-/// proof: by chance none comes back, and rough poses, held, explain nothing with or without.
-bool several_return(const Recording& recording, const TrialFit& now, const TrialFit& fit,
-                    const std::vector<std::string>& returned) {
-  constexpr double kTimes = 10, kNear = 0.6;  // of what it was; of what is far
-  return std::count_if(returned.begin(), returned.end(), [&](const std::string& name) {
-           const double left = fit.moved.at(name).times;
-           return is_given_pose(recording, name) && left < kNear &&
-                  kTimes * left < now.moved.at(name).times;
-         }) > 1;
-}
-
-/// Fits with and without the mistake, while what moved far is held at the rig's values. If other
-/// parameters can take the place of these (a gear scale of -1, the axes around), all are held.
-/// Nothing where chi2 does not fall by that, unless several come back.
-std::optional<Evidence> prove_by_movement(const Recording& recording, const TrialContext& context,
-                                          const TrialFit& now, const Trial& trial) {
-  const std::vector<std::string> returned = returned_parameters(now, trial.fit);
-  std::vector<std::string> all;
-  for (const auto& m : now.moved) all.push_back(m.first);
-  TrialFit before, after;
-  bool decided = false, everything = false;
-  for (bool all_held : {false, true}) {
-    if (decided) break;
-    everything = all_held;
-    const std::vector<std::string>& names = all_held ? all : returned;
-    before = best_fit(recording, context, held(context.all, names), {60, 1e-4});
-    after = best_fit(trial.recording, context, held(trial.stage, names), {60, 1e-4});
-    decided =
-        after.complete() && (!before.complete() || before.cost > Thresholds::decisive * after.cost);
-  }
-  if (!decided && !several_return(recording, now, trial.fit, returned)) return std::nullopt;
-  std::string names;
-  for (const std::string& name : returned) names += (names.empty() ? "" : ", ") + name;
-  const auto farthest_of = [&](const TrialFit& f) {
-    double most = 0;
-    for (const std::string& name : returned) most = std::max(most, f.moved.at(name).by);
-    return most;
-  };
-  Evidence out;
-  out.sentences =
-      "The estimate hides it by moving " + names +
-      text(" by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough",
-           farthest_of(now), farthest_of(trial.fit));
-  if (!decided) {
-    out.before = now.chi2;
-    out.after = trial.fit.chi2;
-    out.sentences += text(". chi2 is %.6g either way", trial.fit.chi2);
-    return out;
-  }
-  if (before.complete()) out.before = before.chi2;
-  out.after = after.chi2;
-  out.sentences += std::string(everything ? ". With all held at the rig's values "
-                                          : ". With these held at the rig's values ") +
-                   (before.complete() ? text("chi2 is %.6g as it is", before.chi2)
-                                      : "the fit cannot even start as it is") +
-                   text(" and %.6g without this mistake", after.chi2);
+/// "Or it is ...", of other mistakes that are as likely.
+std::string or_else(const Explanatory& best) {
+  std::string out;
+  for (const Alternative& a : best.as_likely)
+    out += (out.empty() ? ". Or it is " : ", or ") + std::string(id(a.kind)) + " (" +
+           joined(names_of(a.where)) +
+           text("): that is %.2g times as likely", std::exp(a.log_odds - best.log_odds));
   return out;
 }
 
@@ -153,14 +100,9 @@ void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
     if (std::abs(std::log(factors[i])) < 0.1 * largest) continue;  // tried with others: it is right
     h.where.push_back(Subject::target(old.name));
     h.mistake += h.mistake.empty() ? "" : "; ";
-    h.mistake += old.grid ? "the size of target " + quoted(old.name) + " is wrong: " +
-                                text("the rig says %.6g m, the data say %.6g m (times %.5g)",
-                                     old.square, old.square * factors[i], factors[i])
-                          : "the points of target " + quoted(old.name) +
-                                " have the wrong unit or scale: " +
-                                text("the data say %.5g times as large", factors[i]);
+    h.mistake += wrong_size(old, factors[i]);
   }
-  h.cure = "measure, and correct the size in the rig: metres, from corner to corner";
+  h.cure = kMeasureSize;
 }
 
 Notice word(const Hypothesis& h, const Evidence& evidence) {
@@ -171,111 +113,110 @@ Notice word(const Hypothesis& h, const Evidence& evidence) {
   return finding;
 }
 
-/// Tests all mistakes, undoes the one that explains most, in the recording, the context and `now`,
-/// and reports it; false if none is believed. `by_movement`: what it explains is not chi2 but that
-/// the estimate is far from the rig's values.
-bool explain(SharedRecording& recording, TrialContext& context, TrialFit& now, bool by_movement,
-             std::vector<Notice>& out) {
-  std::optional<Explanatory> best = choose(*recording, context, {now, by_movement});
-  if (!best) return false;
-  const std::optional<Evidence> evidence =
-      by_movement ? prove_by_movement(*recording, context, now, best->trial)
-                  : prove_by_chi2(now, best->trial.fit);
-  if (!evidence) return false;
-  Rig rig = best->trial.recording.rig;
-  if (!best->hypothesis.squares.empty()) scale(recording->rig, *best, rig);
-  if (best->hypothesis.told)
-    std::tie(best->hypothesis.mistake, best->hypothesis.cure) = told(best->hypothesis, best->trial);
-  if (by_movement && best->hypothesis.kind == NoticeKind::mirrored &&
+/// What was found so far: the mistakes, the recording with them undone, and the fit of that.
+struct State {
+  SharedRecording recording;
+  TrialContext context;
+  TrialFit now;
+  std::vector<Notice> findings;
+
+  /// The log evidence, with the prior of what was found.
+  double log() const {
+    return log_evidence(*recording, context, context.all, now) +
+           log_prior(false, 1) * static_cast<double>(findings.size());
+  }
+  void undo(Trial trial, Rig rig) {
+    recording = make_recording(trial.recording.with_rig(std::move(rig)));
+    context.all = std::move(trial.stage);
+    context.given_poses_freed = frees_given_poses(*recording, context.all);
+    now = std::move(trial.fit);
+  }
+};
+
+/// Undoes a mistake and reports it with this evidence.
+void undo_and_tell(Explanatory best, Evidence evidence, State& state) {
+  Hypothesis& h = best.hypothesis;
+  const bool hidden = good(state.now);
+  evidence.sentences += or_else(best);
+  Rig rig = best.trial.recording.rig;
+  if (!h.squares.empty()) scale(state.recording->rig, best, rig);
+  if (h.told) std::tie(h.mistake, h.cure) = told(h, best.trial);
+  if (hidden && h.kind == NoticeKind::mirrored &&
       std::any_of(rig.targets.begin(), rig.targets.end(), [&](const Target& t) {
         return t.grid && t.pose_given &&
-               std::count(best->hypothesis.where.begin(), best->hypothesis.where.end(),
-                          Subject::target(t.name)) > 0;
+               std::count(h.where.begin(), h.where.end(), Subject::target(t.name)) > 0;
       }))
-    best->hypothesis.cure +=
+    h.cure +=
         ". Or the points are right, and it is the pose in the rig that has z out of the board, "
         "where kincal's goes into it (x along a row, y from row to row): then nothing has to be "
         "done: the estimate is right";
-  out.push_back(word(best->hypothesis, *evidence));
-  recording = make_recording(best->trial.recording.with_rig(std::move(rig)));
-  context.all = std::move(best->trial.stage);
-  context.given_poses_freed = frees_given_poses(*recording, context.all);
-  now = std::move(best->trial.fit);
+  state.findings.push_back(word(h, evidence));
+  state.undo(std::move(best.trial), std::move(rig));
+}
+
+/// Weighs all mistakes, undoes the likeliest and reports it; false if none is a finding.
+bool explain(State& state) {
+  std::optional<Explanatory> best = choose(*state.recording, state.context, state.now);
+  if (!best) return false;
+  Evidence evidence = good(state.now) ? prove_by_movement(state.now, best->trial.fit)
+                                      : prove_by_chi2(state.now, best->trial.fit);
+  undo_and_tell(std::move(*best), std::move(evidence), state);
   return true;
 }
 
-/// As explain(), of two mistakes at once.
-bool explain_two(SharedRecording& recording, TrialContext& context, TrialFit& now,
-                 std::vector<Notice>& out) {
-  std::optional<TwoMistakes> best = choose_two(*recording, context, now);
-  if (!best) return false;
+/// As explain(), of two mistakes at once, where the evidence of both is at least this.
+bool explain_two(State& state, double least_log) {
+  std::optional<TwoMistakes> best = choose_two(*state.recording, state.context, state.now);
+  if (!best || best->log_evidence < least_log) return false;
   Rig rig = best->trial.recording.rig;
-  Explanatory explanatory{std::move(best->first), std::move(best->trial)};
+  Explanatory explanatory{std::move(best->first), std::move(best->trial), 0, {}};
   std::vector<Hypothesis> both;
   for (Hypothesis* h : {&explanatory.hypothesis, &best->second}) {
     if (h != &explanatory.hypothesis) explanatory.hypothesis = std::move(*h);
     if (!explanatory.hypothesis.squares.empty()) {
-      if (size_factors(recording->rig, explanatory.hypothesis, explanatory.trial).empty())
+      if (size_factors(state.recording->rig, explanatory.hypothesis, explanatory.trial).empty())
         return false;
-      scale(recording->rig, explanatory, rig);
+      scale(state.recording->rig, explanatory, rig);
     }
     both.push_back(explanatory.hypothesis);
   }
-  const Evidence evidence = prove_by_chi2(now, explanatory.trial.fit, "both");
+  const Evidence evidence = prove_by_chi2(state.now, explanatory.trial.fit, "both");
   for (size_t i = 0; i < 2; ++i) {
     Evidence one = evidence;
     one.sentences = std::string("This and ") + id(both[1 - i].kind) +
                     " are two mistakes of which neither alone explains the data. " +
                     evidence.sentences;
-    out.push_back(word(both[i], one));
+    state.findings.push_back(word(both[i], one));
   }
-  recording = make_recording(explanatory.trial.recording.with_rig(std::move(rig)));
-  context.all = std::move(explanatory.trial.stage);
-  context.given_poses_freed = frees_given_poses(*recording, context.all);
-  now = std::move(explanatory.trial.fit);
+  state.undo(std::move(explanatory.trial), std::move(rig));
   return true;
-}
-
-/// What was found so far: the recording with the mistakes undone, and the fit of it.
-struct State {
-  SharedRecording recording;
-  TrialContext context;
-  TrialFit now;
-};
-
-/// A mistake that leaves what no noise explains may have been believed in place of two others:
-/// these are looked for in what was given, and take its place if they leave far less.
-void try_two_in_their_place(const State& given, SharedRecording& recording, TrialContext& context,
-                            TrialFit& now, std::vector<Notice>& findings) {
-  State two = given;
-  std::vector<Notice> both;
-  if (!explain_two(two.recording, two.context, two.now, both) ||
-      !(Thresholds::overwhelming * two.now.cost < now.cost))
-    return;
-  recording = std::move(two.recording);
-  context = std::move(two.context);
-  now = std::move(two.now);
-  findings = std::move(both);
 }
 
 /// As explain(), where a few samples are wrong besides, which are left for the next round.
-bool explain_most(SharedRecording& recording, TrialContext& context, TrialFit& now,
-                  std::vector<Notice>& out) {
-  std::optional<Explanatory> best = choose_by_most(*recording, context, now);
+bool explain_most(State& state) {
+  std::optional<Explanatory> best = choose_by_most(*state.recording, state.context, state.now);
   if (!best) return false;
-  Evidence evidence = prove_by_chi2(now, best->trial.fit);
+  Evidence evidence = prove_by_chi2(state.now, best->trial.fit);
   evidence.sentences = "Without this mistake most samples fit, but not all. " + evidence.sentences;
-  Rig rig = best->trial.recording.rig;
-  if (!best->hypothesis.squares.empty()) {
-    if (size_factors(recording->rig, best->hypothesis, best->trial).empty()) return false;
-    scale(recording->rig, *best, rig);
-  }
-  out.push_back(word(best->hypothesis, evidence));
-  recording = make_recording(best->trial.recording.with_rig(std::move(rig)));
-  context.all = std::move(best->trial.stage);
-  context.given_poses_freed = frees_given_poses(*recording, context.all);
-  now = std::move(best->trial.fit);
+  if (!best->hypothesis.squares.empty() &&
+      size_factors(state.recording->rig, best->hypothesis, best->trial).empty())
+    return false;
+  undo_and_tell(std::move(*best), std::move(evidence), state);
   return true;
+}
+
+/// joint_noise(), of readings that the rig calls exact as well: of those it is guessed first.
+std::string noise_of_readings(const State& state, const FreerFit& freer) {
+  constexpr double kGuess = 1e-3;  // rad, m
+  Rig rig = state.recording->rig;
+  const bool latent = state.context.noise == NoiseMode::latent,
+             exact = std::none_of(rig.joints.begin(), rig.joints.end(),
+                                  [](const JointSettings&j) { return j.sigma > 0; });
+  if (!exact || !latent) return joint_noise(*state.recording, freer.evidence);
+  for (JointSettings& joint : rig.joints) joint.sigma = kGuess;
+  const Recording noisy = state.recording->with_rig(std::move(rig));
+  const auto found = fit_with_usual_errors(noisy, state.context, state.context.all, state.now);
+  return found ? joint_noise(noisy, found->evidence, 0) : "";
 }
 
 /// Says of mistakes that leave what no noise explains that they are not all of it.
@@ -404,6 +345,34 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
   return out;
 }
 
+/// A sentence about numbers that the steps hold and whose usual errors would explain the data;
+/// empty: they would not.
+std::string held_errors(const Recording& recording, const TrialFit& now, const TrialFit& freer) {
+  constexpr double kLeft = 0.25;  // of chi2
+  constexpr double kOff = 2;      // sigmas of the prior
+  constexpr size_t kMost = 3;
+  if (!(freer.chi2 < kLeft * now.chi2)) return "";
+  const ParameterTable& table = recording.table;
+  std::vector<std::pair<double, std::string>> off;
+  for (const Prior& prior : freer.setup.priors) {
+    const Component component{prior.parameter, prior.component};
+    const int at = table.all[prior.parameter].start;
+    const double by =
+        table.all[prior.parameter].pose
+            ? log_se3(inverse(get_pose(table.initial, at)) *
+                      get_pose(freer.values.shared, at))(prior.component)
+            : freer.values.shared(at + prior.component) - table.initial(at + prior.component);
+    if (std::abs(by) > kOff * prior.sigma)
+      off.push_back({-std::abs(by) / prior.sigma, table.name(component) + text(" (%.2g)", by)});
+  }
+  if (off.empty()) return "";
+  std::sort(off.begin(), off.end());
+  std::vector<std::string> names;
+  for (size_t i = 0; i < off.size() && i < kMost; ++i) names.push_back(off[i].second);
+  return "Errors of what is held would, most of all of " + listed(names) +
+         " (m, rad or px): free what is not known exactly.";
+}
+
 /// A number that nobody can mean, as the rig or the samples themselves show.
 bool is_wrong_number(const Notice& f) { return !f.chi2_corrected && can_be_wrong_number(f.kind); }
 
@@ -446,58 +415,62 @@ std::vector<Notice> examine_data(const Recording& recording, const TrialContext&
 Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) {
   Diagnosis out;
   out.tested = tested_mistakes();
-  std::vector<Notice> by_data = examine_data(*recording, context), by_fits;
-
-  TrialFit now = fit_as_is(*recording, context);
-  if (now.complete()) out.chi2 = now.chi2;
-  out.dof = now.dof;
-  const double at_first = now.per_dof();
-  const State as_given = {recording, context, now};
-  const bool still_joint = prove_still_joints(*recording, context, now, by_data);
-  for (int round = 0; round < Thresholds::rounds && !good(now) && !still_joint; ++round) {
-    const bool explained = explain(recording, context, now, false, by_fits);
-    if (context.tried) out.alternatives = *std::exchange(context.tried, nullptr);
-    if (!explained || by_fits.back().kind == NoticeKind::still_joint) break;
+  std::vector<Notice> by_data = examine_data(*recording, context);
+  TrialFit as_is = fit_as_is(*recording, context);
+  if (as_is.complete()) out.chi2 = as_is.chi2;
+  out.dof = as_is.dof;
+  const double at_first = as_is.per_dof();
+  const bool still_joint = prove_still_joints(*recording, context, as_is, by_data);
+  const State as_given = {std::move(recording), std::move(context), std::move(as_is), {}};
+  State state = as_given;
+  const auto hopeless = [&] { return !(state.now.per_dof() < Thresholds::hopeless); };
+  const auto found_still_joint = [&] {
+    return !state.findings.empty() && state.findings.back().kind == NoticeKind::still_joint;
+  };
+  // (Where the parameters of a fit lie that explains nothing says nothing.)
+  const auto to_explain = [&] { return !good(state.now) || state.now.farthest() > 1; };
+  for (int round = 0; round < Thresholds::rounds && to_explain() && !still_joint; ++round) {
+    const bool explained = explain(state);
+    if (state.context.tried) out.alternatives = *std::exchange(state.context.tried, nullptr);
+    if (!explained || found_still_joint()) break;
   }
-  if (!by_fits.empty() && !still_joint && now.per_dof() > Thresholds::hopeless)
-    try_two_in_their_place(as_given, recording, context, now, by_fits);
-  if (by_fits.empty() && !still_joint && !(now.per_dof() < Thresholds::hopeless)) {
-    if (!explain_most(recording, context, now, by_fits))
-      explain_two(recording, context, now, by_fits);
-    else if (!good(now))
-      explain(recording, context, now, false, by_fits);
+  if (!still_joint && hopeless()) {
+    // What leaves more than any noise may have been believed in place of two others; or a few
+    // samples hide what is wrong with all.
+    State two = as_given;
+    two.context.tried = nullptr;
+    if (!state.findings.empty()) {
+      if (explain_two(two, state.log() + kFound)) state = std::move(two);
+    } else if (explain_most(state)) {
+      if (!good(state.now)) explain(state);
+    } else {
+      explain_two(state, -kInfinity);
+    }
   }
-  if (!still_joint && !good(now) && (by_fits.empty() || now.per_dof() > Thresholds::hopeless))
-    if (std::optional<Notice> changed =
-            two_parts(*as_given.recording, as_given.context, as_given.now);
-        changed &&
-        (by_fits.empty() || !(now.chi2 < Thresholds::overwhelming * *changed->chi2_corrected)))
-      by_fits = {std::move(*changed)};
-  if (now.complete() && !still_joint &&
-      (by_fits.empty() || by_fits.back().kind != NoticeKind::still_joint)) {
-    const size_t before = by_fits.size();
-    check_starts(*recording, context, now, by_fits);
-    // (Where the numbers of a fit lie that explains nothing says nothing.)
-    for (int round = 0; round < Thresholds::rounds && by_fits.size() == before + round &&
-                        now.farthest() > 1 && now.per_dof() < Thresholds::hopeless;
-         ++round)
-      explain(recording, context, now, true, by_fits);
+  bool changed = false;
+  if (!still_joint && !good(state.now) && (state.findings.empty() || hopeless())) {
+    std::optional<Changed> parts = two_parts(*as_given.recording, as_given.context, as_given.now);
+    changed = parts && (state.findings.empty() || parts->log_evidence > state.log());
+    if (changed) state.findings = {std::move(parts->finding)};
   }
-  const bool normalised = std::any_of(by_data.begin(), by_data.end(), [](const Notice& f) {
-    return f.kind == NoticeKind::normalised;
-  });
-  if (by_fits.empty() && !still_joint && !normalised)
-    if (std::optional<Notice> sigma = wrong_sigmas(*recording, context, now))
-      by_fits.push_back(std::move(*sigma));
-  const bool changed = !by_fits.empty() && by_fits.front().kind == NoticeKind::changed;
-  if (!good(now) && now.complete() && !still_joint && !changed && !context.usual_steps)
-    out.readings = joint_noise(*recording, context, now);
-  out.verdict = verdict(*recording, context, now,
-                        {ended, at_first, !by_data.empty(),
-                         std::any_of(by_data.begin(), by_data.end(), is_wrong_number),
-                         !by_fits.empty(), still_joint, changed, out.readings});
-  if (!still_joint && !changed) say_what_is_left(now, by_fits);
-  out.findings = ordered(std::move(by_fits), std::move(by_data),
+  const bool wrong_numbers = std::any_of(by_data.begin(), by_data.end(), is_wrong_number);
+  const TrialFit& now = state.now;
+  if (now.complete() && !still_joint && !wrong_numbers && !changed &&
+      (state.findings.empty() || !good(now)))
+    if (const auto freer =
+            fit_with_usual_errors(*state.recording, state.context, state.context.all, now)) {
+      if (!good(now) && !state.context.usual_steps) out.readings = noise_of_readings(state, *freer);
+      if (!good(now) && out.readings.empty() && state.findings.empty())
+        out.readings = held_errors(*state.recording, now, freer->fit);
+      if (state.findings.empty())
+        if (auto sigma = wrong_sigmas(*state.recording, state.context, now, freer->evidence))
+          state.findings.push_back(std::move(*sigma));
+    }
+  out.verdict = verdict(*state.recording, state.context, now,
+                        {ended, at_first, !by_data.empty(), wrong_numbers, !state.findings.empty(),
+                         still_joint, changed, out.readings});
+  if (!still_joint && !changed) say_what_is_left(now, state.findings);
+  out.findings = ordered(std::move(state.findings), std::move(by_data),
                          still_joint || changed || now.per_dof() < Thresholds::noise);
   return out;
 }

@@ -7,24 +7,17 @@
 // too: they can be wrong as well). The best
 //    of three starts: the rig's values, the rig's steps one after the other, and closed form for
 //    poses that are freed wholly.
-// 3. If chi2/dof (of the whole, or of a sensor) is bad: each mistake of hypotheses.h undone, with
-// the same unknowns, and fitted again. The
-//    list is shortened by a few iterations each; the best of them are fitted to the end. One is
-//    believed if chi2 falls by a large factor (Thresholds::decisive where what remains is noise,
-//    Thresholds::overwhelming else: model errors must not look like mistakes), and then the next is
-//    looked for on top of it. Of several that explain equally much, that counts which leaves the
-//    poses nearest to the rig's. Bad samples are found by a robust fit (Cauchy, its scale taken
-//    from the data and lowered to 3 sigmas): those whose rows have more than 25 times the median
-//    sample's mean square. Views numbered from the other corner likewise: a view that half a turn
-//    fits far better, with everything else as it is; and single points that lie far off. Held poses
-//    that are turned: turned_poses.h. Where nothing is found, or what was found leaves what no
-//    noise explains: whether the data before and after some sample contradict each other
-//    (two_parts.h).
-// 4. Start values. A wrong pose that is freed wholly disappears in the estimate. It shows if the
-// estimate is far from the rig's pose but
-//    near to its inverse, or to the pose turned as another numbering of the board would turn it.
-// 5. Sigmas, where no mistake was found: the noise levels of the data, if these are noise
-//    (stated_sigmas.h).
+// 3. If chi2/dof (of the whole, or of a sensor) is bad, or the estimate far from the rig's values:
+//    each mistake of hypotheses.h undone, and fitted again with the same unknowns. The list is
+//    shortened by a few iterations each; the likeliest of them are fitted to the end. One is a
+//    finding by its odds (alternatives.h), and then the next is looked for on top of it. Bad
+//    samples, single points that lie far off and views that are numbered from the other corner are
+//    proposed by a robust fit (suspects.h); held poses that are turned by turned_poses.h. Where
+//    nothing is found, or what was found leaves what no noise explains: whether the data before and
+//    after some sample contradict each other (two_parts.h).
+// 4. Where no mistake was found: sigmas that are not of the size of the noise (stated_sigmas.h),
+// and
+//    what else would explain the data: noise of the readings, errors of what is held.
 //
 // What cannot be seen: docs/doctor.md.
 #pragma once

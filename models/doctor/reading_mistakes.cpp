@@ -318,7 +318,7 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
     h.kind = NoticeKind::gear;
     h.where = {Subject::joint(rig.tree.joints[j].name)};
     h.free = {table.all[scale].name};
-    h.proves = true;
+    h.rarer = true;
     h.undo = [](Rig&, std::vector<Sample>&) {};
     const std::string lengths = rig.tree.joints[j].type == JointType::prismatic
                                     ? sensors_of_lengths(rig, survey)

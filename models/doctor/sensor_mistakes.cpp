@@ -83,7 +83,8 @@ void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
                   quoted(sensor.name) + " measures are in " + unit.name;
       h.cure = std::string("write metres into its views: ") + unit.cure;
       h.new_poses = true;
-      h.shrinks = unit.metres;
+      h.rescaled = s;
+      h.factor = unit.metres;
       h.undo = [s, pose, factor = unit.metres](Rig&, std::vector<Sample>& samples) {
         for (Sample& sample : samples)
           for (View& v : sample.views)
@@ -137,6 +138,7 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
     if (is_cube_turn(given)) return;  // named as a turn: turned_poses.h
     Hypothesis h;
     h.kind = NoticeKind::quaternion;
+    h.rarer = true;
     h.where = {what};
     h.mistake =
         "the pose of " + kind + " " + quoted(what.name) + " has its quaternion written w x y z";

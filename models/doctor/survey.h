@@ -34,9 +34,10 @@ struct Hypothesis {
   /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An
   /// empty function: `mistake` and `cure` stand as they are.
   std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told;
-  bool proves = false;     // believed only if the fit then proves the rig's sigmas
+  bool rarer = false;      // than other mistakes
   bool estimated = false;  // as of a Notice
-  double shrinks = 1;      // by which undo() makes measured lengths smaller, and with them chi2
+  int rescaled = -1;       // sensor whose measured numbers undo() multiplies by `factor`
+  double factor = 1;
 };
 
 /// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target")

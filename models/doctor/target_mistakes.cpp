@@ -574,4 +574,13 @@ std::optional<Hypothesis> moved_target(const Recording& recording, const TrialCo
   return h;
 }
 
+std::string wrong_size(const Target& target, double factor) {
+  return target.grid
+             ? "the size of target " + quoted(target.name) + " is wrong: " +
+                   text("the rig says %.6g m, the data say %.6g m (times %.5g)", target.square,
+                        target.square * factor, factor)
+             : "the points of target " + quoted(target.name) + " have the wrong unit or scale: " +
+                   text("the data say %.5g times as large", factor);
+}
+
 }  // namespace kincal

@@ -34,4 +34,9 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
 /// which on that target stands elsewhere on its link. Nothing: none is seen in enough samples.
 std::optional<Hypothesis> moved_target(const Recording& recording, const TrialContext& context);
 
+/// Returns a clause that a target is so many times as large as the rig says, and the cure.
+std::string wrong_size(const Target& target, double factor);
+constexpr const char* kMeasureSize =
+    "measure, and correct the size in the rig: metres, from corner to corner";
+
 }  // namespace kincal

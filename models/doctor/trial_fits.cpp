@@ -304,18 +304,6 @@ Stage without(Stage stage, const std::string& parameter) {
   return stage;
 }
 
-double return_of_movement(const TrialFit& a, const TrialFit& b) {
-  double gain = 0, loss = 0;
-  for (const auto& m : a.moved) {
-    const auto other = b.moved.find(m.first);
-    if (other == b.moved.end()) return 0;
-    const double before = m.second.times, after = other->second.times;
-    if (before > 1 && after < 0.2 * before) gain = std::max(gain, before - after);
-    loss = std::max(loss, after - before);
-  }
-  return loss < 0.2 * gain ? gain : 0;
-}
-
 bool good(const TrialFit& f) {
   if (!(f.per_dof() < Thresholds::good)) return false;
   return std::none_of(f.sensor.begin(), f.sensor.end(),
@@ -435,15 +423,20 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
   return out;
 }
 
-Stage with_usual_errors(const Recording& recording, Stage stage) {
+Stage with_usual_errors(const Recording& recording, Stage stage,
+                        const std::vector<std::string>& held) {
+  constexpr double kWidths = 3;  // of a robot that was built from its drawing
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = stage.sensors;
   const Estimation probe(recording, indices(recording.samples.size()), setup);
   if (probe.groups().empty()) return stage;
   const std::vector<char> matters = probe.influencing();
-  const std::set<std::string> freed(stage.free.begin(), stage.free.end());
   const ParameterTable& table = recording.table;
+  std::set<std::string> freed(stage.free.begin(), stage.free.end());
+  for (const std::string& name : held)
+    for (const Freed& f : table.select(name))
+      for (const int c : f.components) freed.insert(table.all[f.parameter].component_name(c));
   for (size_t p = 0; p < table.all.size(); ++p) {
     const ParameterKind kind = table.all[p].kind;
     if (!matters[p] || kind == ParameterKind::points || kind == ParameterKind::own_number) continue;
@@ -452,7 +445,9 @@ Stage with_usual_errors(const Recording& recording, Stage stage) {
       const std::string name = table.name(component);
       if (freed.count(name) || table.select(name).empty()) continue;  // (a mount that is a joint)
       stage.free.push_back(name);
-      stage.priors.push_back({name, scales(table, component, table.initial).usual});
+      const Scales off = scales(table, component, table.initial);
+      stage.priors.push_back({name, off.width < kInfinity ? std::min(kWidths * off.width, off.usual)
+                                                          : std::min(off.yardstick, off.usual)});
     }
   }
   return stage;

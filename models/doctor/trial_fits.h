@@ -30,26 +30,18 @@ struct Thresholds {
   static constexpr double noise = 3;
   /// No noise and no robot as it is built explains chi2/dof above this.
   static constexpr double no_noise = 100;
-  /// A fit proves the rig's sigmas if chi2/dof is below this.
-  static constexpr double clean = 1.3;
-  /// A hypothesis is believed if chi2 falls by this factor and the fit then proves the sigmas with
-  /// (all but) the same unknowns.
+  /// A number that is not as stated explains the data alone if chi2/dof falls by this factor.
   static constexpr double clean_gain = 1.6;
-  /// A hypothesis is believed if chi2 falls by this factor and what remains is noise.
+  /// Of a few samples, half a turn of views or a joint that never moved: chi2 falls by this factor.
   static constexpr double decisive = 4;
-  /// A hypothesis is believed if chi2 falls by this factor, even if more than noise remains.
+  /// Most samples fit if the mean square of the median one is below this.
   static constexpr double overwhelming = 12;
-  /// Where more than noise remains `decisive` is enough if the mean square of a sensor's residuals
-  /// falls by this factor.
-  static constexpr double of_a_sensor = 50;
   /// A sample is bad if the mean square of its rows is above the median sample's by this factor.
   static constexpr double sample_excess = 25;
   /// Bad samples are a hypothesis only if they are at most this share of all.
   static constexpr double most_bad = 0.4;
-  /// Leaving samples out must be better by this factor than what keeps them.
-  static constexpr double leaving_out = 10;
-  /// Two mistakes at once are looked for if none is found and chi2/dof is above the one; they are
-  /// believed if chi2 falls by the other, where more than noise remains.
+  /// Two mistakes at once, or one of most samples, are looked for if chi2/dof is above the one; one
+  /// of most samples is believed if the median sample's mean square falls by the other.
   static constexpr double hopeless = 100, together = 50;
   /// A point lies far off at this many sigmas, if at most this share of all points does.
   static constexpr double far_point = 10, most_far = 0.2;
@@ -149,11 +141,6 @@ struct Trial {
   double cost;  // for comparison; infinite: the fit cannot start
 };
 
-/// Returns the largest difference of movements (Movement::times) over the parameters that `a` moved
-/// far and `b` at most a fifth of that. It is 0 where there is none, or where `b` moves others
-/// farther.
-double return_of_movement(const TrialFit& a, const TrialFit& b);
-
 /// True if the fit needs no explanation.
 bool good(const TrialFit& f);
 
@@ -182,8 +169,11 @@ struct Effort {
 };
 
 /// Returns the stage with everything free besides that something depends on, as far as such numbers
-/// usually are off.
-Stage with_usual_errors(const Recording& recording, Stage stage);
+/// are off in a robot that was built from its drawing: three widths (rig/scales.h), and no more
+/// than usual; poses that the steps hold as well as such things can be measured (their yardstick).
+/// What `held` names stays as the stage has it.
+Stage with_usual_errors(const Recording& recording, Stage stage,
+                        const std::vector<std::string>& held = {});
 
 /// Returns the fit from the rig's values, or from closed form where these do not lead anywhere.
 TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,

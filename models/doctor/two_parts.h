@@ -4,8 +4,10 @@
 //
 // Samples in the order of logging are split, each part is fitted by itself with the same unknowns,
 // and the split is the one that leaves least. As a sample on the wrong side costs the more the more
-// of them there are, it is found from a few splits by halving. Two fits leave less than one anyway:
-// parts as large that are spread over all samples must leave three times as much.
+// of them there are, it is found from a few splits by halving. It is a finding by its odds
+// (alternatives.h), what the steps free being unknown in both parts and the rest as the rig has it:
+// against the data as they are, and against parts as large that are spread over all samples, for
+// two fits explain more than one anyway where something is wrong that is not of one moment.
 #pragma once
 
 #include <optional>
@@ -15,10 +17,14 @@
 
 namespace kincal {
 
-/// Returns the finding (`changed`) where both parts are explained by themselves and all together
-/// are not (`now`, of all that was not undone). nullopt: no such split, or too few samples. @throws
-/// Cancelled
-std::optional<Notice> two_parts(const Recording& recording, const TrialContext& context,
-                                const TrialFit& now);
+struct Changed {
+  Notice finding;
+  double log_evidence;  // of both parts, with the prior
+};
+
+/// Returns the finding where there is such a split; nullopt: there is none, or too few samples.
+/// `now`: the fit of all. @throws Cancelled
+std::optional<Changed> two_parts(const Recording& recording, const TrialContext& context,
+                                 const TrialFit& now);
 
 }  // namespace kincal

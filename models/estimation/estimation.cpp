@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "../../solver/decompositions.h"
 #include "rows.h"
@@ -269,6 +271,27 @@ MatrixXd compressed(Eigen::Ref<MatrixXd> rows) {
   return rows.topRows(rows.cols()).triangularView<Eigen::Upper>();
 }
 
+constexpr int kRigidMotion = 6;  // numbers of how a thing moves as a whole
+
+/// Of a triangle whose first `kinematic` columns are how a view moves: brings its rows that depend
+/// on the motion of a rigid thing to the front, and returns how many these are. A scanning sensor's
+/// view has more columns, which move it in no more ways but for next to nothing.
+int motion_first(int kinematic, MatrixXd& triangle) {
+  const int rows = static_cast<int>(triangle.rows()), all = std::min(rows, kinematic);
+  if (all <= kRigidMotion) return all;
+  std::vector<std::pair<double, int>> order;  // by what is left of a column, relative to all of it
+  for (int i = 0; i < all; ++i)
+    order.push_back({-std::abs(triangle(i, i)) / std::max(1e-300, triangle.col(i).norm()), i});
+  std::sort(order.begin(), order.end());
+  std::vector<int> place;
+  for (const auto& entry : order) place.push_back(entry.second);
+  for (int i = all; i < rows; ++i) place.push_back(i);
+  MatrixXd out(rows, triangle.cols());
+  for (int i = 0; i < rows; ++i) out.row(i) = triangle.row(place[i]);
+  triangle = std::move(out);
+  return kRigidMotion;
+}
+
 }  // namespace
 
 /// What is in the scratch of a view, [L r]; `first` and `count`: which rows of each block. More
@@ -324,12 +347,12 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
       view.resize(v.layout->rows(), width);
       Eigen::Index filled = 0;
       for (size_t p = 0; p < noise.size(); ++p) {
-        const MatrixXd part =
-            rows_of_view(*v.layout, local, kinematic_rows, noise[p].first, noise[p].count);
-        view.middleRows(filled, part.rows()) = part;
-        const int count = static_cast<int>(part.rows());
+        MatrixXd part = rows_of_view(*v.layout, local, std::min(kRigidMotion, kinematic_rows),
+                                     noise[p].first, noise[p].count);
+        const int count = static_cast<int>(part.rows()), moved = motion_first(kinematic_rows, part);
+        view.middleRows(filled, count) = part;
         kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled), count,
-                          v.layout->blocks() * noise[p].count, std::min(count, kinematic_rows)});
+                          v.layout->blocks() * noise[p].count, moved});
         filled += part.rows();
       }
       view.conservativeResize(filled, Eigen::NoChange);

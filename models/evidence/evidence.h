@@ -9,8 +9,9 @@
 //     log p(z | u) = -sum_k n_k u_k - Q / 2 - 1/2 log|H| - sum_i log t_i
 // (t_i: widths of the priors; (2 pi)^(n/2) is the same for all models of the data and left out),
 // and Laplace's method integrates over u at the mode of log p(z | u) - u'u / (2 (ln 3)^2): with A
-// minus its second derivative there, log p(z) is the mode's value - 1/2 log|(ln 3)^2 A|. Where a
-// problem is linear only the integral over u is approximate, by 1 / (6 n_k).
+// the average information there (minus the second derivative and its expectation, in the mean), log
+// p(z) is the mode's value - 1/2 log|(ln 3)^2 A|. Where a problem is linear only the integral over
+// u is approximate, by 1 / (6 n_k).
 //
 // Numbers. A view is split by an orthogonal transformation into the part of its residuals that a
 // motion of the target changes, and the rest, how its points lie to each other, of m numbers. Each
@@ -39,6 +40,7 @@
 #include <vector>
 
 #include "../analysis/linearisation.h"
+#include "linear_model.h"
 
 namespace kincal {
 

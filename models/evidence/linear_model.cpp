@@ -10,11 +10,9 @@ namespace kincal {
 namespace {
 
 const double kFactorSpread = std::log(3.0);  // of u: a stated sigma is a guess
-// Sensors are hardly ever 27 times better than stated; data without noise are, and then what is
-// left of rounding is no evidence.
-const double kLeastLogFactor = -3 * kFactorSpread;
+const double kLeastLogFactor = std::log(kLeastFactor);
 constexpr double kLongestStep = 1.5;     // in u
-constexpr double kSettledGain = 1e-7;    // of log evidence
+constexpr double kSettledGain = 1e-4;    // of log evidence
 constexpr double kLeastCurvature = 0.1;  // of F, to step by
 constexpr int kMostSteps = 50;
 
@@ -22,159 +20,116 @@ double log_determinant(const Cholesky& factorised, const VectorXd& scale) {
   return 2 * (factorised.diagonal().array().log().sum() - scale.array().log().sum());
 }
 
-/// What is left when private unknowns are eliminated, at factors u.
-struct ReducedData {
-  std::vector<MatrixXd> gram;  // of [J r] over s_k, by kind; the last: noise that is known
-  VectorXd spent;              // numbers of each kind that private unknowns take
-  double log_private = 0;      // log determinant of their block of H
-  MatrixXd curvature;          // what they add to A
-};
+/// A group at some factors u, without its private unknowns.
+struct EliminatedGroup {
+  const LinearModel::Group* group = nullptr;
+  MatrixXd left;           // [J r] over s_k
+  MatrixXd basis;          // U, orthonormal, of the private columns over s_k
+  double log_private = 0;  // log determinant of their block of H
 
-/// What is known of the shared unknowns from the round before: where the minimum is, and a root of
-/// their covariance, root'root.
-struct SharedState {
-  VectorXd step;
-  MatrixXd root;
-};
-
-/// Adds one group. With U an orthonormal basis of its private columns, rows over s_k, B what these
-/// leave of the shared ones times root', and e its residuals at the minimum, the private unknowns'
-/// part of A is  2 [k = l] |U_k|^2 - 2 |U_k U_l'|^2 - 4 <U_k'B_k, U_l'B_l> - 4 e_k'U_k U_l'e_l.
-void add_group(const LinearModel::Group& group, const VectorXd& u, const SharedState& shared,
-               ReducedData& to) {
-  const auto factors = u.size();
-  const Eigen::Index p = group.private_size, m = group.rows.cols() - p;
-  MatrixXd rows = group.rows;
-  for (Eigen::Index i = 0; i < rows.rows(); ++i)
-    if (group.kind[i] >= 0) rows.row(i) *= std::exp(-u(group.kind[i]));
-  MatrixXd left = rows.rightCols(m);
-  MatrixXd basis(rows.rows(), 0);
-  if (p > 0) {
+  EliminatedGroup(const LinearModel::Group& of, const VectorXd& u) : group(&of) {
+    const Eigen::Index p = of.private_size;
+    MatrixXd rows = of.rows;
+    for (Eigen::Index i = 0; i < rows.rows(); ++i)
+      if (of.kind[i] >= 0) rows.row(i) *= std::exp(-u(of.kind[i]));
+    left = rows.rightCols(rows.cols() - p);
+    if (p == 0) return;
     const MatrixXd block = rows.leftCols(p);
     const VectorXd scale = block.colwise().norm().cwiseInverse();
-    to.log_private += log_determinant(
+    log_private = log_determinant(
         Cholesky(scale.asDiagonal() * (block.transpose() * block) * scale.asDiagonal()), scale);
     basis = range_of(block);
     left -= basis * (basis.transpose() * left);
   }
-  VectorXd at(m);
-  MatrixXd root(shared.root.rows(), m - 1);
-  for (Eigen::Index i = 0; i + 1 < m; ++i) {
-    at(i) = shared.step(group.columns[i]);
-    root.col(i) = shared.root.col(group.columns[i]);
-  }
-  at(m - 1) = 1;
-  // Rows of each kind together.
-  std::vector<std::vector<Eigen::Index>> of_kind(factors + 1);
-  for (Eigen::Index i = 0; i < rows.rows(); ++i)
-    of_kind[group.kind[i] < 0 ? factors : group.kind[i]].push_back(i);
-  std::vector<Eigen::Index> present;
-  std::vector<MatrixXd> within(factors), across(factors);
-  std::vector<VectorXd> pulled(factors);
-  for (Eigen::Index k = 0; k <= factors; ++k) {
-    if (of_kind[k].empty()) continue;
-    const auto count = static_cast<Eigen::Index>(of_kind[k].size());
-    MatrixXd own(count, m), of_basis(count, basis.cols());
-    for (Eigen::Index i = 0; i < count; ++i) {
-      own.row(i) = left.row(of_kind[k][i]);
-      of_basis.row(i) = basis.row(of_kind[k][i]);
-    }
-    const MatrixXd gram = own.transpose() * own;
-    for (Eigen::Index i = 0; i < m; ++i)
-      for (Eigen::Index j = 0; j < m; ++j)
-        to.gram[k](i + 1 < m ? group.columns[i] : to.gram[k].rows() - 1,
-                   j + 1 < m ? group.columns[j] : to.gram[k].rows() - 1) += gram(i, j);
-    if (k == factors || p == 0) continue;
-    to.spent(k) += of_basis.squaredNorm();
-    to.curvature(k, k) += 2 * of_basis.squaredNorm();
-    within[k] = of_basis.transpose() * of_basis;
-    across[k] = of_basis.transpose() * own.leftCols(m - 1) * root.transpose();
-    pulled[k] = of_basis.transpose() * (own * at);
-    present.push_back(k);
-  }
-  for (const Eigen::Index k : present)
-    for (const Eigen::Index l : present)
-      to.curvature(k, l) -= 2 * within[k].cwiseProduct(within[l]).sum() +
-                            4 * across[k].cwiseProduct(across[l]).sum() +
-                            4 * pulled[k].dot(pulled[l]);
-}
-
-ReducedData reduce(const LinearModel& model, const VectorXd& u, const SharedState& shared) {
-  const Eigen::Index factors = u.size(), n = model.pull.size();
-  ReducedData out{std::vector<MatrixXd>(factors + 1, MatrixXd::Zero(n + 1, n + 1)),
-                  VectorXd::Zero(factors), 0, MatrixXd::Zero(factors, factors)};
-  for (const LinearModel::Group& group : model.groups) add_group(group, u, shared, out);
-  return out;
-}
-
-/// Log evidence for given factors, with its slope by u and minus its second derivative A.
-struct AtFactors {
-  double log = std::numeric_limits<double>::quiet_NaN();
-  SharedState shared;
-  VectorXd slope, fitted;
-  MatrixXd curvature;
 };
 
-AtFactors evaluate(const LinearModel& model, const ReducedData& data, const VectorXd& u) {
+/// Log evidence for given factors, with its slope by u and the average information A.
+struct AtFactors {
+  double log = std::numeric_limits<double>::quiet_NaN();
+  VectorXd step, slope, fitted;
+  MatrixXd information;
+};
+
+AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
   AtFactors out;
   const Eigen::Index factors = u.size(), n = model.pull.size();
   MatrixXd h = model.prior;
   VectorXd g = model.pull;
-  for (const MatrixXd& gram : data.gram) {
-    h += gram.topLeftCorner(n, n);
-    g += gram.col(n).head(n);
+  double log_private = 0;
+  std::vector<EliminatedGroup> groups;
+  for (const LinearModel::Group& of : model.groups) {
+    const EliminatedGroup& group = groups.emplace_back(of, u);
+    log_private += group.log_private;
+    const auto m = static_cast<Eigen::Index>(of.columns.size());
+    MatrixXd gram = MatrixXd::Zero(m + 1, m + 1);
+    gram.selfadjointView<Eigen::Lower>().rankUpdate(group.left.transpose());
+    for (Eigen::Index i = 0; i < m; ++i) {
+      g(of.columns[i]) += gram(m, i);
+      for (Eigen::Index j = i; j < m; ++j) {
+        const auto [low, high] = std::minmax(of.columns[i], of.columns[j]);
+        h(high, low) += gram(j, i);
+      }
+    }
   }
+  h = MatrixXd(h.selfadjointView<Eigen::Lower>());
   if (n > 0 && !(h.diagonal().minCoeff() > 0)) return out;
   const VectorXd scale = h.diagonal().cwiseSqrt().cwiseInverse();
   const Cholesky factorised(scale.asDiagonal() * h * scale.asDiagonal());
-  if (!factorised.good() || !std::isfinite(data.log_private)) return out;
-  out.shared.root = factorised.inverse_factor() * scale.asDiagonal();
-  const MatrixXd c = out.shared.root.transpose() * out.shared.root;
-  const VectorXd step = -c * g;
-  out.shared.step = step;
-  VectorXd at(n + 1);
-  at << step, 1;
-  double cost = model.prior_cost + 2 * model.pull.dot(step) + step.dot(model.prior * step) +
-                at.dot(data.gram[factors] * at);
-  const double spread = 1 / (kFactorSpread * kFactorSpread);
-  out.fitted = data.spent;
-  out.slope.resize(factors);
-  out.curvature = data.curvature;
-  std::vector<MatrixXd> through;
-  MatrixXd pulls(n, factors);
-  for (Eigen::Index k = 0; k < factors; ++k) {
-    const VectorXd pull = data.gram[k] * at;
-    const double squares = at.dot(pull);
-    cost += squares;
-    through.push_back(c * data.gram[k].topLeftCorner(n, n));
-    const double fitted = through.back().trace();
-    out.fitted(k) += fitted;
-    out.slope(k) = squares - model.numbers(k) + out.fitted(k) - u(k) * spread;
-    out.curvature(k, k) += 2 * (fitted + squares) + spread;
-    pulls.col(k) = pull.head(n);
-    for (Eigen::Index l = 0; l <= k; ++l) {
-      const double shared = 2 * through[k].cwiseProduct(through[l].transpose()).sum() +
-                            4 * pulls.col(k).dot(c * pulls.col(l));
-      out.curvature(k, l) -= shared;
-      if (l < k) out.curvature(l, k) -= shared;
+  if (!factorised.good() || !std::isfinite(log_private)) return out;
+  const MatrixXd root = factorised.inverse_factor() * scale.asDiagonal(),
+                 c = root.transpose() * root;
+  out.step = -c * g;
+  double cost =
+      model.prior_cost + 2 * model.pull.dot(out.step) + out.step.dot(model.prior * out.step);
+  out.fitted = VectorXd::Zero(factors);
+  out.information = MatrixXd::Zero(factors, factors);
+  VectorXd squares = VectorXd::Zero(factors);
+  MatrixXd pulls = MatrixXd::Zero(n, factors);
+  for (const EliminatedGroup& group : groups) {
+    const std::vector<int>& columns = group.group->columns;
+    const auto m = static_cast<Eigen::Index>(columns.size());
+    VectorXd at(m + 1);
+    MatrixXd covariance(m, m);
+    for (Eigen::Index i = 0; i < m; ++i) {
+      at(i) = out.step(columns[i]);
+      for (Eigen::Index j = 0; j < m; ++j) covariance(j, i) = c(columns[j], columns[i]);
     }
+    at(m) = 1;
+    const VectorXd e = group.left * at;
+    const MatrixXd through = group.left.leftCols(m) * covariance;
+    cost += e.squaredNorm();
+    MatrixXd pulled = MatrixXd::Zero(group.basis.cols(), factors);
+    for (Eigen::Index i = 0; i < e.size(); ++i) {
+      const int k = group.group->kind[i];
+      if (k < 0) continue;
+      squares(k) += e(i) * e(i);
+      out.fitted(k) += through.row(i).dot(group.left.row(i).head(m));
+      for (Eigen::Index j = 0; j < m; ++j) pulls(columns[j], k) += e(i) * group.left(i, j);
+      if (group.basis.cols() == 0) continue;
+      out.fitted(k) += group.basis.row(i).squaredNorm();
+      pulled.col(k) += e(i) * group.basis.row(i).transpose();
+    }
+    out.information -= 2 * pulled.transpose() * pulled;
   }
+  const double spread = 1 / (kFactorSpread * kFactorSpread);
+  out.slope = squares - model.numbers + out.fitted - spread * u;
+  out.information -= 2 * pulls.transpose() * c * pulls;
+  out.information.diagonal() += 2 * squares + VectorXd::Constant(factors, spread);
   out.log = model.log_private_prior - model.width.array().log().sum() - model.numbers.dot(u) -
-            spread * u.squaredNorm() / 2 - cost / 2 - data.log_private / 2 -
+            spread * u.squaredNorm() / 2 - cost / 2 - log_private / 2 -
             log_determinant(factorised, scale) / 2;
   return out;
 }
 
 /// The evidence of the mode of F that lies uphill of u.
 LinearEvidence evidence_from(const LinearModel& model, VectorXd u) {
-  const Eigen::Index factors = u.size(), n = model.pull.size();
-  SharedState shared{VectorXd::Zero(n), MatrixXd(0, n)};
+  const Eigen::Index factors = u.size();
   LinearEvidence out;
   out.log = std::numeric_limits<double>::quiet_NaN();
   VectorXd best = u, move = VectorXd::Zero(factors);
   double highest = -std::numeric_limits<double>::infinity();
   for (int round = 0; round < kMostSteps; ++round) {
-    const AtFactors at = evaluate(model, reduce(model, u, shared), u);
+    const AtFactors at = evaluate(model, u);
     const bool higher = at.log > highest - kSettledGain;
     if (!higher) {  // too far; NaN is no way either
       move /= 4;
@@ -183,9 +138,8 @@ LinearEvidence evidence_from(const LinearModel& model, VectorXd u) {
     }
     best = u;
     highest = at.log;
-    shared = at.shared;
     // Factors at their least stay there if that is downhill.
-    MatrixXd a = at.curvature;
+    MatrixXd a = at.information;
     VectorXd slope = at.slope;
     for (Eigen::Index k = 0; k < factors; ++k) {
       if (u(k) > kLeastLogFactor || slope(k) > 0) continue;
@@ -194,19 +148,16 @@ LinearEvidence evidence_from(const LinearModel& model, VectorXd u) {
       a.col(k).setZero();
       a(k, k) = 1 / (kFactorSpread * kFactorSpread);
     }
-    // Newton's step; where F is not concave along an eigenvector of A, uphill all the same.
     SymmetricEigen e{VectorXd(0), MatrixXd(0, 0)};
     if (factors > 0) e = symmetric_eigen(a);
-    const VectorXd size = e.values.cwiseAbs().cwiseMax(kLeastCurvature);
+    const VectorXd size = e.values.cwiseMax(kLeastCurvature);
     move = e.vectors * (e.vectors.transpose() * slope).cwiseQuotient(size);
-    if (!(e.values.array() <= 0).any()) {
-      out.log = at.log - static_cast<double>(factors) * std::log(kFactorSpread) -
-                e.values.array().log().sum() / 2;
-      out.factor = u.array().exp();
-      out.fitted = at.fitted;
-      out.step = shared.step;
-      if (round > 0 && slope.dot(move) < kSettledGain) break;  // A is that of this round's root
-    }
+    out.log = at.log - static_cast<double>(factors) * std::log(kFactorSpread) -
+              size.array().log().sum() / 2;
+    out.factor = u.array().exp();
+    out.fitted = at.fitted;
+    out.step = at.step;
+    if (slope.dot(move) < kSettledGain) break;
     const double longest = factors > 0 ? move.cwiseAbs().maxCoeff() : 0;
     if (longest > kLongestStep) move *= kLongestStep / longest;
     u = (u + move).cwiseMax(kLeastLogFactor);

@@ -29,6 +29,10 @@ struct LinearModel {
   double log_private_prior = 0;  // -sum log t of those of private ones
 };
 
+/// Factors of the noise are no smaller: sensors are hardly ever 27 times better than stated. Data
+/// without noise are, and then what is left of rounding is no evidence.
+constexpr double kLeastFactor = 1.0 / 27;
+
 struct LinearEvidence {
   double log = 0;           // NaN: it is not defined
   VectorXd factor, fitted;  // by kind

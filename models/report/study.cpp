@@ -9,6 +9,7 @@
 #include "../../kinematics/floating.h"
 #include "../analysis/linearisation.h"
 #include "../doctor/plausibility.h"
+#include "../doctor/target_mistakes.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
@@ -141,53 +142,26 @@ bool of_stated_size(const Solution& solution) {
          !(std::abs(chi2_deviate(solution.chi2_data, solution.dof_data)) > 4);
 }
 
-/// Whether a mistake explains the data, but for noise, or clearly and but for as much as the
-/// geometry of a robot makes, which is held there.
-bool explains(const Notice& f, long dof) {
-  constexpr double kNoise = 3, kOfTheRobot = 25, kClearly = 100;  // chi2/dof; share of chi2
-  if (!f.chi2_corrected) return false;
-  const double left = *f.chi2_corrected / static_cast<double>(dof);
-  const bool clear = f.chi2_as_is && *f.chi2_as_is > kClearly * *f.chi2_corrected;
-  return left < (clear ? kOfTheRobot : kNoise);
-}
-
-bool explains_all(const Diagnosis& diagnosis) {
-  return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(), [&](const Notice& f) {
-    return can_spoil_the_fit(f.kind) && explains(f, diagnosis.dof);
-  });
-}
-
 bool finds_a_mistake(const Diagnosis& diagnosis) {
   return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(),
                      [](const Notice& f) { return can_spoil_the_fit(f.kind); });
 }
 
-/// What the automatic path frees may take a mistake up, or part of another: mistakes are looked for
-/// as `check` does, as if nothing but mounts and offsets were wrong, and where none explains the
-/// data with all that was free.
-void look_with_less_free_first(const Rig& given, const Recording& freed,
-                               const StudyOptions& options, Report& report) {
-  const auto proved = [](const Diagnosis& d) {  // by a fit with the mistake and one without
-    return !d.findings.empty() && d.findings[0].chi2_as_is && d.findings[0].chi2_corrected;
-  };
-  add_diagnosis(freed.with_rig(given), options, report);
-  if (explains_all(*report.diagnosis)) return;
-  Diagnosis less = std::move(*report.diagnosis);
-  add_diagnosis(freed, options, report);
-  if (!proved(*report.diagnosis) && (proved(less) || report.diagnosis->findings.empty()) &&
-      !less.findings.empty())
-    report.diagnosis = std::move(less);
-}
-
-/// Drops what a fit of all samples refutes: samples that do not belong, and what explains less.
-void drop_what_the_fit_refutes(Report& report) {
-  if (report.noise_estimated || !of_stated_size(report.solution)) return;
-  Notices& findings = report.diagnosis->findings;
-  const auto refuted = [&](const Notice& f) {
-    return f.kind == NoticeKind::bad_samples ||
-           (f.chi2_corrected && !explains(f, report.diagnosis->dof));
-  };
-  findings.erase(std::remove_if(findings.begin(), findings.end(), refuted), findings.end());
+/// Sizes of targets that came out so far from the rig's that they were mistaken.
+Notices mistaken_sizes(const std::set<std::string>& mistaken, const Solution& solution) {
+  const Rig& rig = solution.rig();
+  const ParameterTable& table = solution.table();
+  Notices out;
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    const int square = table.target_square[t];
+    if (square < 0 || !mistaken.count(table.all[square].name)) continue;
+    const int at = table.all[square].start;
+    out.push_back(
+        make_notice(NoticeKind::square, {Subject::target(rig.targets[t].name)},
+                    wrong_size(rig.targets[t], solution.values.shared(at) / table.initial(at)), "",
+                    kMeasureSize));
+  }
+  return out;
 }
 
 /// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
@@ -196,11 +170,12 @@ void drop_what_the_fit_refutes(Report& report) {
 void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
   const Solution& solution = report.solution;
   add_diagnosis(solution.recording->with_rig(given), options, report);
-  drop_what_the_fit_refutes(report);
   const std::set<std::string> mistaken = mistaken_numbers(report);
+  Notices& findings = report.diagnosis->findings;
+  if (!first_mistake(report))
+    for (Notice& size : mistaken_sizes(mistaken, solution)) findings.push_back(std::move(size));
   if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
     add_diagnosis(solution.recording->with_rig(found_but_for(mistaken, solution)), options, report);
-  drop_what_the_fit_refutes(report);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
@@ -533,10 +508,9 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
              : whole && solution.usable() && std::max(data_misfit(report), noise) > kMistaken) &&
         !report.diagnosis) {
       const Recording used = undefined ? *given : as_guessed(report, given->rig);
-      if (recording->rig.steps.empty())
-        look_with_less_free_first(recording->rig, used, options, report);
-      else
-        add_diagnosis(used, options, report);
+      // (What the automatic path frees may take a mistake up.)
+      add_diagnosis(recording->rig.steps.empty() ? used.with_rig(recording->rig) : used, options,
+                    report);
       if (!badly && !finds_a_mistake(*report.diagnosis)) report.diagnosis.reset();
     } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
       look_for_what_was_taken_up(recording->rig, options, report);

@@ -51,7 +51,7 @@ using K = ParameterKind;
 //   resolution. A lens known to 5 % maps nothing.
 // distortion: many rigs have lenses without any, and k3 is large where k1 is not (width); restarts
 //   with as much fold points over (usual).
-// square, baseline: a ruler is right to 1.5 %, a printer off by more; 3 % were not measured.
+// square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not measured.
 // own_number: nothing is known but the unit.
 // clang-format off
 constexpr ScaleRow kScaleRows[] = {
@@ -68,14 +68,14 @@ constexpr ScaleRow kScaleRows[] = {
     {K::sensor_pose,  "m",   no,     5_cm,    1_cm,   3_cm,  30_cm,  no,     no,   10_cm,  25_cm},
     {K::target_pose,  "rad", no,     5_deg,   1_deg,  3_deg, 30_deg, no,     no,   10_deg, 0.25_n},
     {K::target_pose,  "m",   no,     5_cm,    1_cm,   3_cm,  30_cm,  no,     no,   10_cm,  25_cm},
-    {K::intrinsics,   "px",  2_pc,   5_pc,    1_pc,   5_pc,  5_pc,   4_pc,   5_pc, 20_pc,  25_pc},
+    {K::intrinsics,   "px",  2_pc,   3_pc,    1_pc,   5_pc,  5_pc,   4_pc,   5_pc, 20_pc,  25_pc},
     {K::distortion,   "",    0.5_n,  0.05_n,  0.1_n,  no,    no,     no,     no,   no,     no},
     {K::baseline,     "m",   2_mm,   1_cm,    1_cm,   no,    no,     no,     3_pc, 1.5_pc, 25_pc},
     {K::own_number,   "rad", no,     50_mrad, 1_deg,  no,    no,     no,     no,   no,     0.25_n},
     {K::own_number,   "m",   no,     5_cm,    1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::own_number,   "px",  no,     0.05_n,  10_n,   no,    no,     no,     no,   no,     no},
     {K::own_number,   "",    no,     0.05_n,  0.01_n, no,    no,     no,     no,   no,     no},
-    {K::square,       "m",   2_pc,   5_pc,    1_pc,   no,    no,     0.5_pc, 3_pc, 1.5_pc, 25_pc},
+    {K::square,       "m",   1_pc,   1_pc,    1_pc,   no,    no,     0.5_pc, 3_pc, 1.5_pc, 25_pc},
     {K::warp,         "m",   0.5_mm, 2_mm,    1_mm,   no,    no,     no,     no,   no,     no},
     {K::points,       "m",   no,     1_cm,    1_cm,   no,    no,     no,     no,   1.5_pc, 25_cm},
 };

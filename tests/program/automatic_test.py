@@ -402,12 +402,12 @@ sensors:
         self.assertNotIn("width", [w["id"] for w in self.estimated(self.OFFSETS)["warnings"]])
 
     def test_a_gear_taken_for_noise(self):
-        """A joint whose gear is not as stated looks noisy: the warning says what else it may be, and that is right."""
+        """A joint whose gear is not as stated looks noisy: that it is the gear is likelier by far, and is named."""
         self.write("truth.json", json.dumps({"parameters": {"joint/j4/scale": 1.03}}))
         samples = os.path.join(self.dir, self.simulate(1))
-        (text,) = [w["text"] for w in self.automatic(self.path("rig.yaml"), samples)["warnings"] if w["id"] == "noise"]
-        self.assertIn("joint/j4: ", text)
-        self.assertIn("'j4' may have another gear ratio than stated, which looks like noise: --group gears estimates it", text)
+        (finding,) = self.automatic(self.path("rig.yaml"), samples)["findings"]
+        self.assertEqual((finding["id"], finding["where"]), ("gear", ["j4"]))
+        self.assertRegex(finding["text"], r"its gear ratio or encoder count is (2\.9|3|3\.1) % off")
         result = self.automatic(self.path("rig.yaml"), samples, options=("--group", "gears"))
         p = result["parameters"]["joint/j4/scale"]
         self.assertLess(abs(p["value"][0] - 1.03), 4 * p["sigma"][0])

