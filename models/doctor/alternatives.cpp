@@ -10,10 +10,10 @@
 namespace kincal {
 namespace {
 
-// Density of a number that is left out, anywhere within 300 sigmas, over that of a normal one's
-// top; what a number that is kept has on the average.
+// Log density of a residual that is left out, anywhere within 300 sigmas, against the peak of a
+// normal one; the mean of that of a residual that is kept.
 const double kAnywhere = std::log(300.0 / std::sqrt(2 * kPi)), kOfAKept = 0.5;
-constexpr double kMovesAs = 6;  // numbers of how a thing moves as a whole
+constexpr double kMovesAs = 6;  // degrees of freedom of a rigid motion
 const double kOfAKind = std::log(0.01), kRarer = std::log(0.001);  // odds beforehand
 constexpr double kPoseNear = 0.05, kTurnNear = 5 * kPi / 180;      // m, rad: a given pose
 constexpr double kRoughNumbers = 12;  // of a view: six of where its target is, six of the rest
@@ -81,8 +81,8 @@ double rough_numbers(const Recording& recording, const Sample& sample) {
   return out;
 }
 
-/// The numbers that are wrong with what is left out: six of the views of a target from one body in a
-/// sample, twice the points of a view that keeps others.
+/// The residuals that a fit leaves out: six for the views of a target from one body in a sample (a
+/// rigid motion), twice the points of a view that keeps others.
 double left_out(const Recording& given, const Recording& kept, const std::vector<int>& fitted) {
   std::map<std::string, const Sample*> by_id;
   for (const int s : fitted) by_id[kept.samples[s].id] = &kept.samples[s];
@@ -168,7 +168,7 @@ double log_evidence(const Recording& recording, const TrialContext& context, con
 double log_by_chance(const Recording& recording, const TrialFit& now, const Trial& trial) {
   constexpr double kTimes = 3;
   const TrialFit& fit = trial.fit;
-  if (!now.complete() || !fit.complete()) return 0;
+  if (!now.complete() || fit.per_dof() < Thresholds::noise) return 0;
   std::map<std::string, double> without;  // mean squares by sample
   for (size_t i = 0; i < fit.sample.size(); ++i)
     without[trial.recording.samples[i].id] = fit.sample[i];

@@ -8,7 +8,7 @@
 //   -7/2 ln(1 + d^2), Cauchy's density in six dimensions.
 //
 // - A pose that the rig does not give, t metres from its link: -2 ln(1 + t^2), Cauchy's density in
-//   three dimensions, for robots are some metres large.
+//   three dimensions, because robots are some metres large.
 //
 // - Another number that the steps free without a prior, moved by d of its usual error:
 //   -2 ln(1 + d^2 / 3), Student's density with three degrees of freedom; where the mistake itself
@@ -16,7 +16,7 @@
 //
 // - A number that is wrong with what is left out: -ln(300 / sqrt(2 pi)). It may be anywhere within
 //   300 sigmas (of the noise that the fit leaves), where a number that is kept is normal. Six
-//   numbers are wrong with a view (it stands elsewhere as a whole), two with a point.
+//   numbers are wrong with the views of a target from one body (a rigid motion), two with a point.
 //
 // - If undoing the mistake multiplies what a sensor measures by k (a unit): n ln k for the n
 //   effective residuals of that sensor. The densities are of the same numbers then.
@@ -68,7 +68,7 @@ double log_evidence(const Recording& recording, const TrialContext& context, con
 double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit);
 
 /// Returns how far the log evidence of a trial and of the data as they are differs by chance where
-/// neither explains them:
+/// neither explains them (0 where the trial does):
 /// three times the standard deviation of the sum over samples (Vuong, Econometrica 57, 1989).
 double log_by_chance(const Recording& recording, const TrialFit& now, const Trial& trial);
 

@@ -122,7 +122,7 @@ Trial try_hypothesis(const Recording& recording, const TrialContext& context, co
   return t;
 }
 
-/// Whether the numbers that the trial found are ones that such a mistake has.
+/// Whether such a mistake has parameters like those that the trial found.
 bool makes_sense(const Rig& rig, const Hypothesis& h, const Trial& t) {
   return (h.squares.empty() || !size_factors(rig, h, t).empty()) &&
          (!h.told || !told(h, t).first.empty());
@@ -152,7 +152,7 @@ std::vector<Look> shortlist(const Recording& recording, const TrialContext& cont
   std::sort(order.begin(), order.end(), [](const Look& a, const Look& b) {
     return std::pair(-a.log, a.index) < std::pair(-b.log, b.index);
   });
-  // Of what is as likely as the first, what is usual goes before.
+  // Of hypotheses that are as likely as the first, the more usual ones go before.
   const auto worse = std::find_if(order.begin(), order.end(), [&](const Look& look) {
     return look.log < order.front().log - kAsLikely;
   });
@@ -199,11 +199,9 @@ class Weighing {
                        log_prior(h.rarer, alike(all, h.kind));
     const double log_odds = log - *as_is_;
     if (context_.tried) context_.tried->push_back({h.kind, h.where, log_odds});
-    const double by_chance =
-        t.fit.per_dof() < Thresholds::noise ? 0 : log_by_chance(recording_, now_, t);
-    if (!(log_odds - by_chance > kFound) &&
+    if (!(log_odds - log_by_chance(recording_, now_, t) > kFound) &&
         !(good(t.fit) && now_.per_dof() > Thresholds::clean_gain * t.fit.per_dof() &&
-          explains_numbers(h, t)))
+          explains_alone(h, t)))
       return;
     found_.push_back({h.kind, h.where, log_odds});
     const Look look = {log_odds, index + (h.rarer ? all.size() : 0)};
@@ -234,8 +232,8 @@ class Weighing {
     return look.log > best_at_.log + (look.index < best_at_.index ? -apart : apart);
   }
 
-  /// Whether numbers that the mistake frees are not as stated, if all else is.
-  bool explains_numbers(const Hypothesis& h, const Trial& t) const {
+  /// Whether the parameters that the mistake frees are not as stated, if all others are.
+  bool explains_alone(const Hypothesis& h, const Trial& t) const {
     const std::vector<std::string> all = {"*"};
     return !(h.squares.empty() && h.free.empty()) &&
            log_evidence(t.recording, context_, t.stage, t.fit, &h, all) + log_prior(h.rarer, 1) -
@@ -348,7 +346,7 @@ std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialCon
                        2 * log_prior(false, all.size());
   const double as_is =
       log_evidence(recording, context, context.all, now) + log_left_out(recording, recording, now);
-  if (!(best->log_evidence - as_is > kFound)) best.reset();
+  if (!(best->log_evidence - as_is - log_by_chance(recording, now, both) > kFound)) best.reset();
   return best;
 }
 

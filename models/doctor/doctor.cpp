@@ -345,8 +345,8 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
   return out;
 }
 
-/// A sentence about numbers that the steps hold and whose usual errors would explain the data;
-/// empty: they would not.
+/// A sentence about fixed parameters whose usual errors would explain the data; empty: they would
+/// not.
 std::string held_errors(const Recording& recording, const TrialFit& now, const TrialFit& freer) {
   constexpr double kLeft = 0.25;  // of chi2
   constexpr double kOff = 2;      // sigmas of the prior
@@ -369,8 +369,8 @@ std::string held_errors(const Recording& recording, const TrialFit& now, const T
   std::sort(off.begin(), off.end());
   std::vector<std::string> names;
   for (size_t i = 0; i < off.size() && i < kMost; ++i) names.push_back(off[i].second);
-  return "Errors of what is held would, most of all of " + listed(names) +
-         " (m, rad or px): free what is not known exactly.";
+  return "Errors of fixed parameters would, most of all " + listed(names) +
+         " (m, rad or px): free those that are not known exactly.";
 }
 
 /// A number that nobody can mean, as the rig or the samples themselves show.
@@ -436,7 +436,7 @@ Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) 
   }
   if (!still_joint && hopeless()) {
     // What leaves more than any noise may have been believed in place of two others; or a few
-    // samples hide what is wrong with all.
+    // samples hide a mistake of all.
     State two = as_given;
     two.context.tried = nullptr;
     if (!state.findings.empty()) {

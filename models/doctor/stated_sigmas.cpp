@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "../../kinematics/floating.h"
 #include "../rig/words.h"
 
 namespace kincal {

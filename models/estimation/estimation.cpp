@@ -271,7 +271,7 @@ MatrixXd compressed(Eigen::Ref<MatrixXd> rows) {
   return rows.topRows(rows.cols()).triangularView<Eigen::Upper>();
 }
 
-constexpr int kRigidMotion = 6;  // numbers of how a thing moves as a whole
+constexpr int kRigidMotion = 6;  // degrees of freedom of a rigid motion
 
 /// Of a triangle whose first `kinematic` columns are how a view moves: brings its rows that depend
 /// on the motion of a rigid thing to the front, and returns how many these are. A scanning sensor's

@@ -51,8 +51,8 @@ using K = ParameterKind;
 //   resolution. A lens known to 5 % maps nothing.
 // distortion: many rigs have lenses without any, and k3 is large where k1 is not (width); restarts
 //   with as much fold points over (usual).
-// square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not measured.
-// own_number: nothing is known but the unit.
+// square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not
+// measured. own_number: nothing is known but the unit.
 // clang-format off
 constexpr ScaleRow kScaleRows[] = {
     // kind, unit; width, usual; yardstick, loose, open; least, mistaken, reported, far

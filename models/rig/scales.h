@@ -6,8 +6,8 @@
 // Two columns say how far the rig's value of a number is off: `width` in a robot whose maker states
 // it and whose zeros were set, `usual` in one that nobody has measured. The automatic path begins
 // with `width` and learns from the data by which factor that is wrong. Where nothing is learned
-// (starts of restarts, the unit of a fleet's numbers) it is `usual`, in the doctor's fits the smaller
-// of `usual` and three widths.
+// (starts of restarts, the unit of a fleet's numbers) it is `usual`, in the doctor's fits the
+// smaller of `usual` and three widths.
 #pragma once
 
 #include <string>

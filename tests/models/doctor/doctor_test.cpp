@@ -186,7 +186,7 @@ TEST_CASE("doctor: clean data have no findings, in any order of the samples") {
 
 TEST_CASE("doctor: of many boards, whose sizes are tried together, only the wrong one is named") {
   EyeInHand e(5);
-  e.rig.targets[3].square *= 1.09;  // (5 % and 6 cm of its place look alike)
+  e.rig.targets[3].square *= 1.09;               // (5 % and 6 cm of its place look alike)
   e.rig.steps[0].free = {"sensor/camera/pose"};  // the boards stand where the rig says
   const Diagnosis d = e.check();
   INFO(d.verdict);
