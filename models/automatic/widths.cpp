@@ -10,6 +10,7 @@ namespace kincal {
 namespace {
 
 const double kSpread = std::log(3.0);                       // of the hyperprior
+const double kAnyWidth = std::log(10.0);                    // of widths that robots have at all
 constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
 constexpr double kLargestWidth = 2;  // of the widths that are weighed, in spreads of the hyperprior
 constexpr int kGrid = 8;             // of them, to either side
@@ -185,6 +186,7 @@ double log_evidence(const WidthProblem& p, const VectorXd& factor) {
 struct OtherWidths {
   MatrixXd second_moment;  // that wider ones add
   double inflation = 1;    // of the squared width of what the data do not tell
+  double average = 1;      // of the evidence over all widths (kAnyWidth), against that at the best
 };
 
 /// The variance of which three standard deviations are seldom exceeded by a normal error whose
@@ -221,14 +223,24 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group)
                                           kLargestWidth * kSpread),
                  f2 = (2 * by).array().exp(), d = 1 - f2.array().inverse();
   const double best = std::log(widths.factor(group));
+  // The log evidence with widths exp(b) times the best, against that.
+  const auto log_evidence = [&](double b) {
+    const double gone = 1 - std::exp(-2 * b);
+    const VectorXd left = 1 - gone * prior.array();
+    return 0.5 * (gone * square.array() / left.array() - left.array().log()).sum() -
+           static_cast<double>(members.size()) * b;
+  };
   VectorXd weight(by.size());  // 1 at the best widths
   for (Eigen::Index i = 0; i < by.size(); ++i) {
-    const VectorXd left = 1 - d(i) * prior.array();
     const double u = best + by(i);
-    weight(i) = std::exp((best * best - u * u) / (2 * kSpread * kSpread) -
-                         static_cast<double>(members.size()) * by(i) +
-                         0.5 * (d(i) * square.array() / left.array() - left.array().log()).sum());
+    weight(i) = std::exp(log_evidence(by(i)) + (best * best - u * u) / (2 * kSpread * kSpread));
   }
+  const VectorXd u = VectorXd::LinSpaced(8 * kGrid + 1, -4 * kAnyWidth, 4 * kAnyWidth);
+  VectorXd wide = (-u.array().square() / (2 * kAnyWidth * kAnyWidth)).exp();
+  wide /= wide.sum();
+  out.average = 0;
+  for (Eigen::Index i = 0; i < u.size(); ++i)
+    out.average += wide(i) * std::exp(log_evidence(u(i) - best));
   out.inflation = std::max(1.0, bounding_variance(f2, weight));
   const MatrixXd gain = block(c, all, members) * root.asDiagonal() * e.vectors;
   const VectorXd wider = weight.array() * (d.array() > 0).cast<double>() / weight.sum();
@@ -267,6 +279,7 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
   out.held.assign(p.start.size(), 0);
   out.whole.assign(p.groups, 0);
   out.gain.setZero(p.groups);
+  out.probability.setOnes(p.groups);
   VectorXd value = widths.posterior.value;
   MatrixXd c = widths.posterior.covariance;
   MatrixXd added = MatrixXd::Zero(c.rows(), c.cols());
@@ -279,9 +292,8 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
   const VectorXd prior = precision(p, widths.factor);
   std::vector<OtherWidths> others;
   for (int k = 0; k < p.groups; ++k) others.push_back(other_widths(p, widths, k));
-  const auto probability = [&](int k) {  // that a group held whole is off all the same
-    const bool told = widths.gamma(k) >= kDetermined * static_cast<double>(members_of(p, k).size());
-    return told ? 1 / (1 + kNominal * std::exp(-out.gain(k))) : 1.0;
+  const auto told = [&](int k) {
+    return widths.gamma(k) >= kDetermined * static_cast<double>(members_of(p, k).size());
   };
   for (;;) {
     int least = -1;
@@ -292,12 +304,15 @@ Holding hold(const WidthProblem& p, const Widths& widths) {
     }
     if (least < 0 || !(out.gain(least) < kEvidence)) break;
     out.whole[least] = 1;
-    put_to_0(members_of(p, least), probability(least));
+    if (told(least))
+      out.probability(least) =
+          1 / (1 + kNominal * std::exp(-out.gain(least)) / others[least].average);
+    put_to_0(members_of(p, least), out.probability(least));
   }
   out.inflation.setOnes(p.groups);
   for (int k = 0; k < p.groups; ++k) {
     out.inflation(k) = others[k].inflation;
-    added += (out.whole[k] ? probability(k) : 1.0) * others[k].second_moment;
+    added += out.probability(k) * others[k].second_moment;
   }
   std::vector<int> blind;
   for (int i = 0; i < prior.size(); ++i)

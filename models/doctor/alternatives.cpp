@@ -16,6 +16,7 @@ const double kAnywhere = std::log(300.0 / std::sqrt(2 * kPi)), kOfAKept = 0.5;
 constexpr double kMovesAs = 6;  // degrees of freedom of a rigid motion
 const double kOfAKind = std::log(0.01), kRarer = std::log(0.001);  // odds beforehand
 constexpr double kPoseNear = 0.05, kTurnNear = 5 * kPi / 180;      // m, rad: a given pose
+constexpr double kImpossible = -690;                               // ln 1e-300
 constexpr double kRoughNumbers = 12;  // of a view: six of where its target is, six of the rest
 
 /// Whether a hypothesis frees this parameter because it may be anywhere.
@@ -32,7 +33,7 @@ bool is_sought(const ParameterTable& table, int parameter, const Hypothesis* h) 
 double log_moved(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
-  double out = 0;
+  double out = is_impossible(recording, fit) ? kImpossible : 0;
   for (const Freed& freed : fit.setup.free) {
     const Parameter& p = table.all[freed.parameter];
     if (p.pose) {
@@ -68,6 +69,14 @@ double log_moved(const Recording& recording, const TrialFit& fit, const Hypothes
 /// What an effective residual of a sensor's view adds that is kept.
 double of_a_residual(const Hypothesis* h, int sensor) {
   return kOfAKept + (h && h->rescaled == sensor ? std::log(h->factor) : 0);
+}
+
+double log_with_units(const ModelEvidence& found, const Hypothesis* h) {
+  double out = found.log;
+  for (size_t k = 0; k < found.kinds.size(); ++k)
+    if (const int sensor = found.kinds[k].sensor; sensor >= 0)
+      out += found.numbers(static_cast<Eigen::Index>(k)) * of_a_residual(h, sensor);
+  return out;
 }
 
 double rough_numbers(const Recording& recording, const View& v) {
@@ -119,6 +128,18 @@ double left_out(const Recording& given, const Recording& kept, const std::vector
 
 }  // namespace
 
+bool is_impossible(const Recording& recording, const TrialFit& fit) {
+  const ParameterTable& table = recording.table;
+  return std::any_of(fit.setup.free.begin(), fit.setup.free.end(), [&](const Freed& freed) {
+    const Parameter& p = table.all[freed.parameter];
+    return p.kind == ParameterKind::intrinsics &&
+           std::any_of(freed.components.begin(), freed.components.end(), [&](int c) {
+             return std::abs(fit.values.shared(p.start + c) - table.initial(p.start + c)) >
+                    std::abs(table.initial(p.start));
+           });
+  });
+}
+
 std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
                                               const TrialContext& context, const Stage& stage,
                                               const TrialFit& fit,
@@ -132,7 +153,7 @@ std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
   out.fit =
       trial_fit(recording, context, {with_usual_errors(recording, stage, as_stated)}, options);
   if (!std::isfinite(out.fit.chi2) || out.fit.samples.empty()) return std::nullopt;
-  out.evidence = evidence(recording, out.fit.samples, out.fit.setup, out.fit.values);
+  out.evidence = evidence({{recording, out.fit.samples, out.fit.setup, out.fit.values}});
   if (!std::isfinite(out.evidence.log)) return std::nullopt;
   return out;
 }
@@ -157,32 +178,90 @@ double log_evidence(const Recording& recording, const TrialContext& context, con
   const std::optional<FreerFit> freer =
       fit_with_usual_errors(recording, context, stage, fit, as_stated);
   if (!freer) return -kInfinity;
-  const ModelEvidence& found = freer->evidence;
-  double out = found.log + log_moved(recording, freer->fit, h);
-  for (size_t k = 0; k < found.kinds.size(); ++k)
-    if (const int sensor = found.kinds[k].sensor; sensor >= 0)
-      out += found.numbers(static_cast<Eigen::Index>(k)) * of_a_residual(h, sensor);
+  return log_with_units(freer->evidence, h) + log_moved(recording, freer->fit, h);
+}
+
+double log_evidence_either_way(const Recording& recording, const TrialContext& context,
+                               const TrialFit& fit) {
+  return std::max(log_evidence(recording, context, context.all, fit),
+                  log_evidence(recording, context, context.all, fit, nullptr, {"*"}));
+}
+
+namespace {
+
+/// Parts and their fits, as the evidence wants them; empty: one has no fit.
+std::vector<FittedData> data_of(const std::vector<FittedPart>& parts) {
+  std::vector<FittedData> out;
+  for (const FittedPart& part : parts) {
+    const TrialFit& fit = part.fit;
+    if (!std::isfinite(fit.chi2) || fit.samples.empty()) return {};
+    out.push_back({part.recording, fit.samples, fit.setup, fit.values});
+  }
   return out;
 }
 
-double log_by_chance(const Recording& recording, const TrialFit& now, const Trial& trial) {
-  constexpr double kTimes = 3;
-  const TrialFit& fit = trial.fit;
-  if (!now.complete() || fit.per_dof() < Thresholds::noise) return 0;
-  std::map<std::string, double> without;  // mean squares by sample
-  for (size_t i = 0; i < fit.sample.size(); ++i)
-    without[trial.recording.samples[i].id] = fit.sample[i];
-  Mean gain, square;
-  for (size_t i = 0; i < now.sample.size(); ++i) {
-    const auto other = without.find(recording.samples[i].id);
-    if (other == without.end() || !std::isfinite(now.sample[i] + other->second)) continue;
-    const double by = rough_numbers(recording, recording.samples[i]) / 2 *
-                      (now.sample[i] / now.per_dof() - other->second / fit.per_dof());
-    gain.sum += by, ++gain.count;
-    square.sum += by * by, ++square.count;
+/// Not finite: a part has no complete fit.
+double per_dof(const std::vector<FittedPart>& parts) {
+  double chi2 = 0, dof = 0;
+  for (const FittedPart& part : parts) {
+    chi2 += part.fit.complete() ? part.fit.chi2 : kInfinity;
+    dof += static_cast<double>(part.fit.dof);
   }
-  const double variance = square.value() - gain.value() * gain.value();
-  return kTimes * std::sqrt(std::max(0.0, variance) * static_cast<double>(gain.count));
+  return chi2 / std::max(1.0, dof);
+}
+
+double log_moved(const std::vector<FittedPart>& parts) {
+  double out = 0;
+  for (const FittedPart& part : parts) out += log_moved(part.recording, part.fit, nullptr);
+  return out;
+}
+
+}  // namespace
+
+std::optional<EvidenceApart> evidence_apart(const std::vector<FittedPart>& parts) {
+  const std::vector<FittedData> data = data_of(parts);
+  if (data.empty()) return std::nullopt;
+  EvidenceApart out{0, evidence(data)};
+  if (!std::isfinite(out.noise.log)) return std::nullopt;
+  out.log = log_with_units(out.noise, nullptr) + log_moved(parts);
+  return out;
+}
+
+double log_evidence_at(const std::vector<FittedPart>& parts, const ModelEvidence& noise) {
+  const std::vector<FittedData> data = data_of(parts);
+  const double log = data.empty() ? kNan : log_evidence_at(data, noise);
+  return std::isfinite(log) ? log + log_moved(parts) : -kInfinity;
+}
+
+double log_by_chance(const std::vector<FittedPart>& with, const std::vector<FittedPart>& without,
+                     const Subjects& about) {
+  constexpr double kTimes = 3;
+  const double left_with = per_dof(with), left = per_dof(without);
+  if (!std::isfinite(left_with) || left < Thresholds::noise) return 0;
+  std::map<std::string, double> squares;  // mean squares by sample
+  for (const FittedPart& part : without)
+    for (size_t i = 0; i < part.fit.sample.size(); ++i)
+      squares[part.recording.samples[i].id] = part.fit.sample[i];
+  std::map<bool, std::pair<Mean, Mean>> gains;  // and their squares, by whether it is about them
+  for (const FittedPart& part : with)
+    for (size_t i = 0; i < part.fit.sample.size(); ++i) {
+      const Sample& sample = part.recording.samples[i];
+      const auto other = squares.find(sample.id);
+      if (other == squares.end() || !std::isfinite(part.fit.sample[i] + other->second)) continue;
+      const double by = rough_numbers(part.recording, sample) / 2 *
+                        (part.fit.sample[i] / left_with - other->second / left);
+      auto& [gain, square] =
+          gains[std::count(about.begin(), about.end(), Subject::sample(sample.id)) > 0];
+      gain.sum += by, ++gain.count;
+      square.sum += by * by, ++square.count;
+    }
+  double variance = 0;  // of the sum
+  for (const auto& entry : gains) {
+    const auto& [gain, square] = entry.second;
+    variance += static_cast<double>(gain.count) *
+                std::max(0.0, square.value() - gain.value() * gain.value());
+  }
+  return kTimes * std::sqrt(variance);
 }
 
 double rough_log_evidence(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {

@@ -12,7 +12,8 @@
 //
 // - Another number that the steps free without a prior, moved by d of its usual error:
 //   -2 ln(1 + d^2 / 3), Student's density with three degrees of freedom; where the mistake itself
-//   frees it: -ln(1 + d^2), Cauchy's.
+//   frees it: -ln(1 + d^2), Cauchy's. A focal length that changes its sign, or a principal point
+//   that moves by a focal length: e^-690, for no lens is like that.
 //
 // - A number that is wrong with what is left out: -ln(300 / sqrt(2 pi)). It may be anywhere within
 //   300 sigmas (of the noise that the fit leaves), where a number that is kept is normal. Six
@@ -59,18 +60,44 @@ std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
                                               const TrialFit& fit,
                                               const std::vector<std::string>& as_stated = {});
 
+/// Returns whether a focal length changed its sign, or a principal point moved by a focal length.
+bool is_impossible(const Recording& recording, const TrialFit& fit);
+
 /// Returns the log evidence of a trial, or of the data as they are (`h` null), without what is left
 /// out.
 double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
                     const TrialFit& fit, const Hypothesis* h = nullptr,
                     const std::vector<std::string>& as_stated = {});
+/// Returns the larger of the log evidence with usual errors and with everything as stated.
+double log_evidence_either_way(const Recording& recording, const TrialContext& context,
+                               const TrialFit& fit);
+
+/// A FittedPart is a part of the samples, and a fit of it alone.
+struct FittedPart {
+  Recording recording;
+  TrialFit fit;
+};
+/// An EvidenceApart is that of parts that have nothing in common but their noise, with everything
+/// as stated that the steps do not free.
+struct EvidenceApart {
+  double log = 0;
+  ModelEvidence noise;
+};
+/// Returns it; nothing: a part has none.
+std::optional<EvidenceApart> evidence_apart(const std::vector<FittedPart>& parts);
+/// Returns the log evidence of such parts where the noise is known, without what is the same for
+/// all fits of the data.
+double log_evidence_at(const std::vector<FittedPart>& parts, const ModelEvidence& noise);
+
 /// Returns the log density of what a fit of a recording leaves out of the given one.
 double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit);
 
-/// Returns how far the log evidence of a trial and of the data as they are differs by chance where
-/// neither explains them (0 where the trial does):
-/// three times the standard deviation of the sum over samples (Vuong, Econometrica 57, 1989).
-double log_by_chance(const Recording& recording, const TrialFit& now, const Trial& trial);
+/// Returns how far the log evidence of fits of the data (of all, or of parts) with a mistake and
+/// without it differs by chance where the latter do not explain the data, else 0: three times the
+/// standard deviation of the sum over samples (Vuong, Econometrica 57, 1989). `about`: what the
+/// mistake is about; its samples differ in another way than the others.
+double log_by_chance(const std::vector<FittedPart>& with, const std::vector<FittedPart>& without,
+                     const Subjects& about = {});
 
 /// Returns about the log evidence, from what a fit has left, without further fits: residuals of any
 /// view count as at most twelve, with one unknown factor of the noise. To rank trials by.

@@ -52,10 +52,10 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t) {
 namespace {
 
 constexpr double kBearing = 10;        // sigmas: beyond, a first look bears what is wrong besides
-constexpr size_t kMostWithout = 4;     // of so many samples one may have points behind its camera
 constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
 constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
 constexpr size_t kMostLooks = 4;       // hypotheses that are weighed with all samples
+constexpr size_t kMostOfOne = 2;       // of these, of one kind about one thing
 constexpr double kHopeless = 20;       // times the least chi2 so far: not worth more
 constexpr double kFarBehind = 50;      // nats of rough evidence: not worth the evidence
 
@@ -157,8 +157,14 @@ std::vector<Look> shortlist(const Recording& recording, const TrialContext& cont
     return look.log < order.front().log - kAsLikely;
   });
   std::sort(order.begin(), worse, [](const Look& a, const Look& b) { return a.index < b.index; });
-  if (order.size() > kMostLooks) order.resize(kMostLooks);
-  return order;
+  std::vector<Look> out;
+  std::map<std::pair<NoticeKind, std::vector<std::string>>, size_t> of_one;  // kind and thing
+  for (const Look& look : order) {
+    const Hypothesis& h = candidates[look.index];
+    if (out.size() == kMostLooks) break;
+    if (of_one[{h.kind, names_of(h.where)}]++ < kMostOfOne) out.push_back(look);
+  }
+  return out;
 }
 
 /// How many things a kind of mistake may be about.
@@ -176,20 +182,23 @@ class Weighing {
       : recording_(recording),
         context_(context),
         now_(now),
-        rough_(rough_log_evidence(recording, now, nullptr) +
-               log_left_out(recording, recording, now)) {}
+        rough_as_is_(rough_log_evidence(recording, now, nullptr) +
+                     log_left_out(recording, recording, now)),
+        rough_(rough_as_is_) {}
 
   void weigh(const std::vector<Hypothesis>& all, size_t index) {
     const Hypothesis& h = all[index];
     const bool all_kept = best_ && !best_->hypothesis.leaves_out;
-    const double give_up = good(now_) ? kInfinity
+    // Mistakes that the freed poses hide are looked for only where the data need no explanation.
+    const double give_up = good(now_) || is_impossible(recording_, now_) ? kInfinity
                            : all_kept ? kHopeless * best_->trial.cost
                                       : now_.score();
     Trial t = try_hypothesis(recording_, context_, h, {100, 1e-9, false, give_up});
     if (!std::isfinite(t.cost) || !makes_sense(recording_.rig, h, t)) return;
     const double rough =
         rough_log_evidence(t.recording, t.fit, &h) + log_left_out(recording_, t.recording, t.fit);
-    if (rough < rough_ - kFarBehind) return;
+    const double by_chance = log_by_chance({{recording_, now_}}, {{t.recording, t.fit}}, h.where);
+    if (rough < std::max(rough_, rough_as_is_ + by_chance) - kFarBehind) return;
     rough_ = std::max(rough_, rough);
     if (!as_is_)
       as_is_ = log_evidence(recording_, context_, context_.all, now_) +
@@ -199,7 +208,7 @@ class Weighing {
                        log_prior(h.rarer, alike(all, h.kind));
     const double log_odds = log - *as_is_;
     if (context_.tried) context_.tried->push_back({h.kind, h.where, log_odds});
-    if (!(log_odds - log_by_chance(recording_, now_, t) > kFound) &&
+    if (!(log_odds - by_chance > kFound) &&
         !(good(t.fit) && now_.per_dof() > Thresholds::clean_gain * t.fit.per_dof() &&
           explains_alone(h, t)))
       return;
@@ -244,11 +253,114 @@ class Weighing {
   const Recording& recording_;
   const TrialContext& context_;
   const TrialFit& now_;
+  double rough_as_is_;
   double rough_;                 // of the likeliest so far
   std::optional<double> as_is_;  // log evidence
   std::vector<Alternative> found_;
   std::optional<Explanatory> best_;
   Look best_at_{-kInfinity, 0};
+};
+
+/// The hypotheses that pairs are made of: those that free nothing but sizes.
+std::vector<Hypothesis> of_pairs(const Recording& recording, const Stage& stage) {
+  std::vector<Hypothesis> out = hypotheses(recording.rig, recording.table, recording.samples,
+                                           freed_names(recording.table, stage));
+  out.erase(std::remove_if(out.begin(), out.end(),
+                           [](const Hypothesis& h) {
+                             return h.ignored_joint >= 0 || !h.free.empty() || h.rescaled >= 0;
+                           }),
+            out.end());
+  return out;
+}
+
+TrialContext bearing_outliers(TrialContext context) {
+  context.all.loss = Loss{LossKind::cauchy, kBearing};
+  return context;
+}
+
+/// The few hypotheses that lower most what a fit that bears outliers leaves of the median sample.
+std::vector<size_t> bearing_looks(const Recording& recording, const TrialContext& context,
+                                  const std::vector<Hypothesis>& all) {
+  const TrialContext bearing = bearing_outliers(context);
+  const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
+  std::vector<std::pair<double, size_t>> order;
+  for (size_t i = 0; i < all.size(); ++i) {
+    context.report(static_cast<int>(i), static_cast<int>(all.size()));
+    if (all[i].many) continue;
+    const Trial t = try_hypothesis(some, bearing, all[i], {10, 1e-2});
+    if (const double typical = t.fit.typical(); std::isfinite(typical))
+      order.push_back({typical, i});
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<size_t> out;
+  for (size_t k = 0; k < order.size() && k < kMostRobust; ++k) out.push_back(order[k].second);
+  return out;
+}
+
+/// Tries second mistakes on top of first ones, and keeps the likeliest pair.
+class PairSearch {
+ public:
+  PairSearch(const Recording& recording, const TrialContext& context,
+             const std::vector<Hypothesis>& all)
+      : recording_(recording), context_(context), all_(all) {}
+
+  /// Tries the likeliest usual mistakes on top of a first.
+  void add_usual(const Hypothesis& first) {
+    const Trial one = try_hypothesis(recording_, context_, first, {20, 1e-3});
+    if (!std::isfinite(one.cost)) return;
+    const TrialContext further = with_stage(one);
+    std::vector<Hypothesis> others = of_pairs(one.recording, one.stage);
+    if (!first.squares.empty())
+      others.erase(std::remove_if(others.begin(), others.end(),
+                                  [](const Hypothesis& h) { return !h.squares.empty(); }),
+                   others.end());
+    for (const Look& look : shortlist(one.recording, further, one.fit, others, 0, others.size()))
+      add(first, one, further, others[look.index]);
+  }
+
+  /// Tries what a robust fit leaves behind: the first is of all samples, and a few are wrong
+  /// besides, which hide in chi2 what it explains.
+  void add_suspects(const Hypothesis& first) {
+    const Trial one = try_hypothesis(recording_, bearing_outliers(context_), first, {15, 1e-3});
+    const TrialContext further = with_stage(one);
+    const TrialFit robust = robust_fit(one.recording, further);
+    std::vector<Hypothesis> others = turned_views(one.recording, robust);
+    for (auto h : {outlier_points(one.recording, further, robust),
+                   bad_samples(one.recording, further, robust)})
+      if (h) others.push_back(std::move(*h));
+    for (const Hypothesis& second : others) add(first, one, further, second);
+  }
+
+  std::optional<Mistakes> take() { return std::move(best_); }
+
+ private:
+  TrialContext with_stage(const Trial& one) const {
+    TrialContext out = context_;
+    out.all = one.stage;
+    out.all.loss = context_.all.loss;
+    out.given_poses_freed = frees_given_poses(one.recording, one.stage);
+    return out;
+  }
+
+  void add(const Hypothesis& first, const Trial& one, const TrialContext& further,
+           const Hypothesis& second) {
+    const double give_up = best_ ? kHopeless * best_->trial.cost : kInfinity;
+    Trial two = try_hypothesis(one.recording, further, second, {100, 1e-9, false, give_up});
+    if (!std::isfinite(two.cost)) return;
+    const double prior = log_prior(first.rarer, alike(all_, first.kind)) +
+                         log_prior(second.rarer, alike(all_, second.kind)),
+                 rough = rough_log_evidence(two.recording, two.fit, &second) +
+                         log_left_out(recording_, two.recording, two.fit) + prior;
+    if (!(rough > rough_)) return;
+    rough_ = rough;
+    best_.emplace(Mistakes{{first, second}, std::move(two), prior, 0});
+  }
+
+  const Recording& recording_;
+  const TrialContext& context_;
+  const std::vector<Hypothesis>& all_;
+  double rough_ = -kInfinity;
+  std::optional<Mistakes> best_;
 };
 
 }  // namespace
@@ -305,89 +417,41 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
   return weighing.found() ? weighing.take() : std::nullopt;
 }
 
-std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
-                                      const TrialFit& now) {
-  const auto plain = [&](const Recording& r, const Stage& stage) {
-    std::vector<Hypothesis> out =
-        hypotheses(r.rig, r.table, r.samples, freed_names(r.table, stage));
-    out.erase(std::remove_if(out.begin(), out.end(),
-                             [](const Hypothesis& h) {
-                               return h.ignored_joint >= 0 || !h.free.empty() || h.rescaled >= 0;
-                             }),
-              out.end());
-    return out;
-  };
-  const std::vector<Hypothesis> all = plain(recording, context.all);
-  std::optional<TwoMistakes> best;
-  if (all.size() > kMostForPairs) return best;
-  for (const Look& first : shortlist(recording, context, now, all, 0, all.size())) {
-    const Trial one = try_hypothesis(recording, context, all[first.index], {20, 1e-3});
-    if (!std::isfinite(one.cost)) continue;
-    TrialContext further = context;
-    further.all = one.stage;
-    further.given_poses_freed = frees_given_poses(one.recording, one.stage);
-    std::vector<Hypothesis> others = plain(one.recording, one.stage);
-    if (!all[first.index].squares.empty())
-      others.erase(std::remove_if(others.begin(), others.end(),
-                                  [](const Hypothesis& h) { return !h.squares.empty(); }),
-                   others.end());
-    for (const Look& second :
-         shortlist(one.recording, further, one.fit, others, 0, others.size())) {
-      Trial two = try_hypothesis(one.recording, further, others[second.index],
-                                 {100, 1e-9, false, best ? best->trial.cost : kInfinity});
-      if (!(two.cost < (best ? best->trial.cost : kInfinity))) continue;
-      best.emplace(TwoMistakes{all[first.index], others[second.index], std::move(two), 0});
-    }
-  }
-  if (!best) return best;
-  const Trial& both = best->trial;
-  best->log_evidence = log_evidence(both.recording, context, both.stage, both.fit) +
-                       log_left_out(recording, both.recording, both.fit) +
-                       2 * log_prior(false, all.size());
-  const double as_is =
-      log_evidence(recording, context, context.all, now) + log_left_out(recording, recording, now);
-  if (!(best->log_evidence - as_is - log_by_chance(recording, now, both) > kFound)) best.reset();
-  return best;
-}
-
-std::optional<Explanatory> choose_by_most(const Recording& recording, const TrialContext& context,
-                                          const TrialFit& now) {
-  const double as_is = robust_fit(recording, context).typical();
-  std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples,
-                                           freed_names(recording.table, context.all));
-  TrialContext bearing = context;
-  bearing.all.loss = Loss{LossKind::cauchy, kBearing};
-  const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
-  std::vector<std::pair<double, size_t>> order;
-  for (size_t i = 0; i < all.size(); ++i) {
-    context.report(static_cast<int>(i), static_cast<int>(all.size()));
-    if (all[i].many || all[i].rescaled >= 0 || all[i].told || all[i].ignored_joint >= 0) continue;
-    const Trial t = try_hypothesis(some, bearing, all[i], {10, 1e-2});
-    if (const double typical = t.fit.typical(); std::isfinite(typical))
-      order.push_back({typical, i});
-  }
-  std::sort(order.begin(), order.end());
-  if (order.size() > kMostRobust) order.resize(kMostRobust);
-  std::optional<Trial> best;
-  size_t chosen = 0;
-  double least = std::min(Thresholds::overwhelming, as_is / Thresholds::together);
-  for (const auto& [_, i] : order) {
-    Trial t = try_hypothesis(recording, bearing, all[i], {15, 1e-3});
-    TrialContext further = context;
-    further.all = t.stage;
-    further.all.loss = context.all.loss;
-    further.given_poses_freed = frees_given_poses(t.recording, t.stage);
-    const double typical = robust_fit(t.recording, further).typical();
-    if (!(typical < least)) continue;
-    t.stage = further.all;
-    t.fit = best_fit(t.recording, further, t.stage, {100, 1e-9});
-    if (kMostWithout * t.fit.undefined.size() > t.recording.samples.size()) continue;
-    least = typical;
-    best.emplace(std::move(t));
-    chosen = i;
-  }
+std::optional<Mistakes> choose_two(const Recording& recording, const TrialContext& context,
+                                   const TrialFit& now) {
+  const std::vector<Hypothesis> all = of_pairs(recording, context.all);
+  PairSearch search(recording, context, all);
+  if (all.size() <= kMostForPairs)
+    for (const Look& look : shortlist(recording, context, now, all, 0, all.size()))
+      search.add_usual(all[look.index]);
+  for (const size_t index : bearing_looks(recording, context, all)) search.add_suspects(all[index]);
+  std::optional<Mistakes> best = search.take();
   if (!best) return std::nullopt;
-  return Explanatory{std::move(all[chosen]), std::move(*best), 0, {}};
+  const auto log_of = [&](const Mistakes& of) {
+    const Trial& t = of.trial;
+    return log_evidence(t.recording, context, t.stage, t.fit) +
+           log_left_out(recording, t.recording, t.fit) + of.log_prior;
+  };
+  best->log_evidence = log_of(*best);
+  Subjects about;
+  for (const Hypothesis& h : best->hypotheses)
+    about.insert(about.end(), h.where.begin(), h.where.end());
+  const double as_is = log_evidence(recording, context, context.all, now) +
+                       log_left_out(recording, recording, now),
+               by_chance = log_by_chance({{recording, now}},
+                                         {{best->trial.recording, best->trial.fit}}, about);
+  if (!(best->log_evidence - as_is - by_chance > kFound)) return std::nullopt;
+  const double of_both = best->log_evidence;
+  for (const Hypothesis& h : std::vector<Hypothesis>(best->hypotheses)) {
+    Trial t = try_hypothesis(recording, context, h, {100, 1e-9});
+    if (!std::isfinite(t.cost)) continue;
+    Mistakes one{{h}, std::move(t), log_prior(h.rarer, alike(all, h.kind)), 0};
+    one.log_evidence = log_of(one);
+    if (of_both - one.log_evidence < kFound &&
+        (best->hypotheses.size() > 1 || one.log_evidence > best->log_evidence))
+      best.emplace(std::move(one));
+  }
+  return best;
 }
 
 }  // namespace kincal

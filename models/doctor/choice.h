@@ -18,11 +18,12 @@ struct Explanatory {
   std::vector<Alternative> as_likely;  // other kinds that may be the cause as well
 };
 
-/// TwoMistakes explain together what neither does alone; the trial is without both.
-struct TwoMistakes {
-  Hypothesis first, second;
+/// Mistakes that explain together what neither does alone; the trial is without them.
+struct Mistakes {
+  std::vector<Hypothesis> hypotheses;  // two; one that is as likely alone
   Trial trial;
-  double log_evidence;  // with the prior of both
+  double log_prior;     // of all
+  double log_evidence;  // with it
 };
 
 /// Returns factors by which the sizes of a hypothesis are to be changed. Empty where the scale
@@ -38,13 +39,10 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t);
 std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
                                   const TrialFit& now);
 
-/// Looks for a second mistake on top of each of the few that lower chi2 most, however little.
-std::optional<TwoMistakes> choose_two(const Recording& recording, const TrialContext& context,
-                                      const TrialFit& now);
-
-/// Looks for a mistake of all samples where a few others are wrong besides, which hide in chi2 what
-/// it explains: by what robust fits leave of the median sample. `trial.fit` is of all samples.
-std::optional<Explanatory> choose_by_most(const Recording& recording, const TrialContext& context,
-                                          const TrialFit& now);
+/// Looks for a second mistake on top of each of the few that lower chi2 most, however little, and
+/// for samples, views and points that are wrong besides on top of each of the few that explain most
+/// samples best.
+std::optional<Mistakes> choose_two(const Recording& recording, const TrialContext& context,
+                                   const TrialFit& now);
 
 }  // namespace kincal

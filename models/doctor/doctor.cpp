@@ -113,17 +113,35 @@ Notice word(const Hypothesis& h, const Evidence& evidence) {
   return finding;
 }
 
+/// The recording; one whose rig calls all readings exact, as none are, with a guess of their noise.
+SharedRecording with_guessed_readings(const SharedRecording& recording,
+                                      const TrialContext& context) {
+  constexpr double kGuess = 1e-3;  // rad, m
+  Rig rig = recording->rig;
+  if (context.noise != NoiseMode::latent ||
+      std::any_of(rig.joints.begin(), rig.joints.end(),
+                  [](const JointSettings& joint) { return joint.sigma > 0; }))
+    return recording;
+  for (JointSettings& joint : rig.joints) joint.sigma = joint.noise_guess = kGuess;
+  return make_recording(recording->with_rig(std::move(rig)));
+}
+
 /// What was found so far: the mistakes, the recording with them undone, and the fit of that.
 struct State {
-  SharedRecording recording;
+  SharedRecording given, recording;
   TrialContext context;
   TrialFit now;
   std::vector<Notice> findings;
 
-  /// The log evidence, with the prior of what was found.
-  double log() const {
-    return log_evidence(*recording, context, context.all, now) +
+  /// The log density of what was left out, with the prior of what was found.
+  double log_besides() const {
+    return log_left_out(*given, *recording, now) +
            log_prior(false, 1) * static_cast<double>(findings.size());
+  }
+  double log() const { return log_evidence(*recording, context, context.all, now) + log_besides(); }
+  double log_either_way() const {
+    return log_evidence_either_way(*with_guessed_readings(recording, context), context, now) +
+           log_besides();
   }
   void undo(Trial trial, Rig rig) {
     recording = make_recording(trial.recording.with_rig(std::move(rig)));
@@ -158,65 +176,56 @@ void undo_and_tell(Explanatory best, Evidence evidence, State& state) {
 bool explain(State& state) {
   std::optional<Explanatory> best = choose(*state.recording, state.context, state.now);
   if (!best) return false;
-  Evidence evidence = good(state.now) ? prove_by_movement(state.now, best->trial.fit)
-                                      : prove_by_chi2(state.now, best->trial.fit);
+  const bool hidden = state.now.per_dof() < Thresholds::clean_gain * best->trial.fit.per_dof();
+  Evidence evidence = hidden ? prove_by_movement(state.now, best->trial.fit)
+                             : prove_by_chi2(state.now, best->trial.fit);
   undo_and_tell(std::move(*best), std::move(evidence), state);
   return true;
 }
 
-/// As explain(), of two mistakes at once, where the evidence of both is at least this.
+/// As explain(), of two mistakes at once, where their evidence is at least this.
 bool explain_two(State& state, double least_log) {
-  std::optional<TwoMistakes> best = choose_two(*state.recording, state.context, state.now);
+  std::optional<Mistakes> best = choose_two(*state.recording, state.context, state.now);
   if (!best || best->log_evidence < least_log) return false;
   Rig rig = best->trial.recording.rig;
-  Explanatory explanatory{std::move(best->first), std::move(best->trial), 0, {}};
-  std::vector<Hypothesis> both;
-  for (Hypothesis* h : {&explanatory.hypothesis, &best->second}) {
-    if (h != &explanatory.hypothesis) explanatory.hypothesis = std::move(*h);
-    if (!explanatory.hypothesis.squares.empty()) {
-      if (size_factors(state.recording->rig, explanatory.hypothesis, explanatory.trial).empty())
-        return false;
-      scale(state.recording->rig, explanatory, rig);
-    }
-    both.push_back(explanatory.hypothesis);
+  Explanatory one{{}, std::move(best->trial), 0, {}};
+  for (Hypothesis& h : best->hypotheses) {
+    if (h.squares.empty()) continue;
+    if (size_factors(state.recording->rig, h, one.trial).empty()) return false;
+    one.hypothesis = std::move(h);
+    scale(state.recording->rig, one, rig);
+    h = std::move(one.hypothesis);
   }
-  const Evidence evidence = prove_by_chi2(state.now, explanatory.trial.fit, "both");
-  for (size_t i = 0; i < 2; ++i) {
-    Evidence one = evidence;
-    one.sentences = std::string("This and ") + id(both[1 - i].kind) +
-                    " are two mistakes of which neither alone explains the data. " +
-                    evidence.sentences;
-    state.findings.push_back(word(both[i], one));
+  const size_t count = best->hypotheses.size();
+  Evidence evidence = prove_by_chi2(state.now, one.trial.fit, count > 1 ? "both" : "this mistake");
+  const std::string sentences = evidence.sentences;
+  for (size_t i = 0; i < count; ++i) {
+    if (count > 1)
+      evidence.sentences = std::string("This and ") + id(best->hypotheses[1 - i].kind) +
+                           " are two mistakes of which neither alone explains the data. " +
+                           sentences;
+    state.findings.push_back(word(best->hypotheses[i], evidence));
   }
-  state.undo(std::move(explanatory.trial), std::move(rig));
+  state.undo(std::move(one.trial), std::move(rig));
   return true;
 }
 
-/// As explain(), where a few samples are wrong besides, which are left for the next round.
-bool explain_most(State& state) {
-  std::optional<Explanatory> best = choose_by_most(*state.recording, state.context, state.now);
-  if (!best) return false;
-  Evidence evidence = prove_by_chi2(state.now, best->trial.fit);
-  evidence.sentences = "Without this mistake most samples fit, but not all. " + evidence.sentences;
-  if (!best->hypothesis.squares.empty() &&
-      size_factors(state.recording->rig, best->hypothesis, best->trial).empty())
-    return false;
-  undo_and_tell(std::move(*best), std::move(evidence), state);
-  return true;
-}
-
-/// joint_noise(), of readings that the rig calls exact as well: of those it is guessed first.
+/// joint_noise(), of readings whose noise nobody states as well.
 std::string noise_of_readings(const State& state, const FreerFit& freer) {
-  constexpr double kGuess = 1e-3;  // rad, m
-  Rig rig = state.recording->rig;
-  const bool latent = state.context.noise == NoiseMode::latent,
-             exact = std::none_of(rig.joints.begin(), rig.joints.end(),
-                                  [](const JointSettings&j) { return j.sigma > 0; });
-  if (!exact || !latent) return joint_noise(*state.recording, freer.evidence);
-  for (JointSettings& joint : rig.joints) joint.sigma = kGuess;
-  const Recording noisy = state.recording->with_rig(std::move(rig));
-  const auto found = fit_with_usual_errors(noisy, state.context, state.context.all, state.now);
-  return found ? joint_noise(noisy, found->evidence, 0) : "";
+  const SharedRecording noisy = with_guessed_readings(state.recording, state.context);
+  if (noisy == state.recording) return joint_noise(*noisy, freer.evidence);
+  const auto found = fit_with_usual_errors(*noisy, state.context, state.context.all, state.now);
+  return found ? joint_noise(*noisy, found->evidence, 0) : "";
+}
+
+/// Two parts that contradict each other, likelier than what was found.
+std::optional<Changed> changed_between(const State& as_given, const State& state) {
+  const SharedRecording noisy = with_guessed_readings(as_given.recording, as_given.context);
+  std::optional<Changed> out =
+      two_parts(*noisy, as_given.context,
+                noisy == as_given.recording ? as_given.now : fit_as_is(*noisy, as_given.context));
+  if (out && !state.findings.empty() && !(out->log_evidence > state.log_either_way())) out.reset();
+  return out;
 }
 
 /// Says of mistakes that leave what no noise explains that they are not all of it.
@@ -387,16 +396,25 @@ std::vector<Notice> ordered(std::vector<Notice> by_fits, std::vector<Notice> by_
   std::stable_sort(by_fits.begin(), by_fits.end(), [&](const Notice& a, const Notice& b) {
     return std::make_pair(a.estimated, -ratio(a)) < std::make_pair(b.estimated, -ratio(b));
   });
-  const auto says = [](const Notice& g, const Notice& f) {
-    return (g.kind == f.kind || explains(g.kind, f.kind)) &&
-           std::any_of(f.where.begin(), f.where.end(), [&](const Subject& w) {
-             return std::count(g.where.begin(), g.where.end(), w) > 0;
-           });
+  const auto share = [](const Notice& f, const Notice& g) {
+    return std::any_of(f.where.begin(), f.where.end(), [&](const Subject& w) {
+      return std::count(g.where.begin(), g.where.end(), w) > 0;
+    });
   };
   std::stable_partition(by_data.begin(), by_data.end(),
                         [](const Notice& f) { return f.kind != NoticeKind::points_outside; });
+  by_fits.erase(std::remove_if(by_fits.begin(), by_fits.end(),
+                               [&](const Notice& f) {
+                                 return std::any_of(
+                                     by_data.begin(), by_data.end(), [&](const Notice& g) {
+                                       return explains(g.kind, f.kind) && share(f, g);
+                                     });
+                               }),
+                by_fits.end());
   for (Notice& f : by_data)
-    if (std::none_of(by_fits.begin(), by_fits.end(), [&](const Notice& g) { return says(g, f); }))
+    if (std::none_of(by_fits.begin(), by_fits.end(), [&](const Notice& g) {
+          return (g.kind == f.kind || explains(g.kind, f.kind)) && share(f, g);
+        }))
       by_fits.push_back(std::move(f));
   if (!explained) std::stable_partition(by_fits.begin(), by_fits.end(), is_wrong_number);
   return by_fits;
@@ -412,7 +430,7 @@ std::vector<Notice> examine_data(const Recording& recording, const TrialContext&
   return out;
 }
 
-Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) {
+Diagnosis examine(const SharedRecording& recording, TrialContext context, Ended ended) {
   Diagnosis out;
   out.tested = tested_mistakes();
   std::vector<Notice> by_data = examine_data(*recording, context);
@@ -421,7 +439,7 @@ Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) 
   out.dof = as_is.dof;
   const double at_first = as_is.per_dof();
   const bool still_joint = prove_still_joints(*recording, context, as_is, by_data);
-  const State as_given = {std::move(recording), std::move(context), std::move(as_is), {}};
+  const State as_given = {recording, recording, std::move(context), std::move(as_is), {}};
   State state = as_given;
   const auto hopeless = [&] { return !(state.now.per_dof() < Thresholds::hopeless); };
   const auto found_still_joint = [&] {
@@ -435,22 +453,16 @@ Diagnosis examine(SharedRecording recording, TrialContext context, Ended ended) 
     if (!explained || found_still_joint()) break;
   }
   if (!still_joint && hopeless()) {
-    // What leaves more than any noise may have been believed in place of two others; or a few
-    // samples hide a mistake of all.
+    // What leaves more than any noise may have been believed in place of two others.
     State two = as_given;
     two.context.tried = nullptr;
-    if (!state.findings.empty()) {
-      if (explain_two(two, state.log() + kFound)) state = std::move(two);
-    } else if (explain_most(state)) {
-      if (!good(state.now)) explain(state);
-    } else {
-      explain_two(state, -kInfinity);
-    }
+    if (explain_two(two, state.findings.empty() ? -kInfinity : state.log() + kFound))
+      state = std::move(two);
   }
   bool changed = false;
   if (!still_joint && !good(state.now) && (state.findings.empty() || hopeless())) {
-    std::optional<Changed> parts = two_parts(*as_given.recording, as_given.context, as_given.now);
-    changed = parts && (state.findings.empty() || parts->log_evidence > state.log());
+    std::optional<Changed> parts = changed_between(as_given, state);
+    changed = parts.has_value();
     if (changed) state.findings = {std::move(parts->finding)};
   }
   const bool wrong_numbers = std::any_of(by_data.begin(), by_data.end(), is_wrong_number);
@@ -484,8 +496,8 @@ std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOption
   context.progress = options.progress;
   if (options.compare) context.tried = std::make_shared<std::vector<Alternative>>();
   try {
-    SharedRecording planned = make_recording(plan_trials(recording, context));
-    return examine(std::move(planned), std::move(context), options.ended);
+    const SharedRecording planned = make_recording(plan_trials(recording, context));
+    return examine(planned, std::move(context), options.ended);
   } catch (const Cancelled&) {
     return std::nullopt;
   }

@@ -30,7 +30,7 @@ struct SizeOfNoise {
   std::string words() const {
     return (of.kind == Subject::Kind::joint ? "joint/" : "sensor/") + of.name +
            (part.empty() ? "" : " " + part) + text(" %.3g ", size()) + unit +
-           text(" (stated %.3g)", stated);
+           (guessed ? "" : text(" (stated %.3g)", stated));
   }
 };
 

@@ -34,15 +34,12 @@ struct Thresholds {
   static constexpr double clean_gain = 1.6;
   /// Of a few samples, half a turn of views or a joint that never moved: chi2 falls by this factor.
   static constexpr double decisive = 4;
-  /// Most samples fit if the mean square of the median one is below this.
-  static constexpr double overwhelming = 12;
   /// A sample is bad if the mean square of its rows is above the median sample's by this factor.
   static constexpr double sample_excess = 25;
   /// Bad samples are a hypothesis only if they are at most this share of all.
   static constexpr double most_bad = 0.4;
-  /// Two mistakes at once, or one of most samples, are looked for if chi2/dof is above the one; one
-  /// of most samples is believed if the median sample's mean square falls by the other.
-  static constexpr double hopeless = 100, together = 50;
+  /// Two mistakes at once are looked for if chi2/dof is above this.
+  static constexpr double hopeless = 100;
   /// A point lies far off at this many sigmas, if at most this share of all points does.
   static constexpr double far_point = 10, most_far = 0.2;
   /// Mistakes are looked for on top of each other in at most this many rounds.

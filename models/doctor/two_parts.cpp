@@ -13,35 +13,27 @@ namespace {
 
 constexpr int kFewestSamples = 16, kFewestInPart = 5;
 
-/// Two parts of the samples, fitted apart.
-struct Parts {
-  TrialFit before, after;
-  double log = -kInfinity;  // evidence; only where it was asked for
-  double chi2() const {
-    return before.complete() && after.complete() ? before.chi2 + after.chi2 : kInfinity;
-  }
-};
+double chi2(const std::vector<FittedPart>& parts) {
+  double out = parts.empty() ? kInfinity : 0;
+  for (const FittedPart& part : parts) out += part.fit.complete() ? part.fit.chi2 : kInfinity;
+  return out;
+}
 
-Parts fit_parts(const Recording& recording, const TrialContext& context,
-                const std::vector<int>& before, const std::vector<int>& after,
-                bool with_evidence = false) {
-  Parts parts;
-  double log = 0;
-  for (const bool first : {true, false}) {
+/// Fits two parts of the samples apart; empty: one lacks what the whole has.
+std::vector<FittedPart> fit_parts(const Recording& recording, const TrialContext& context,
+                                  const std::vector<int>& before, const std::vector<int>& after) {
+  std::vector<FittedPart> out;
+  for (const std::vector<int>* part : {&before, &after}) {
     std::vector<Sample> samples;
-    for (const int i : first ? before : after) samples.push_back(recording.samples[i]);
-    TrialFit& fit = first ? parts.before : parts.after;
+    for (const int i : *part) samples.push_back(recording.samples[i]);
     try {
-      const Recording part = recording.with_samples(std::move(samples));
-      fit = best_fit(part, context, context.all, {30, 1e-4});
-      if (with_evidence) log += log_evidence(part, context, context.all, fit, nullptr, {"*"});
-    } catch (const std::invalid_argument&) {  // a part lacks what the whole has
-      fit.chi2 = kInfinity;
-      return parts;
+      out.push_back({recording.with_samples(std::move(samples)), {}});
+      out.back().fit = best_fit(out.back().recording, context, context.all, {30, 1e-4});
+    } catch (const std::invalid_argument&) {
+      return {};
     }
   }
-  if (with_evidence) parts.log = log;
-  return parts;
+  return out;
 }
 
 }  // namespace
@@ -53,14 +45,14 @@ std::optional<Changed> two_parts(const Recording& recording, const TrialContext&
   if (n < kFewestSamples || !now.complete()) return std::nullopt;
   std::map<int, double> tried;  // chi2 by split
   int at = 0;
-  const auto split = [&](int k, bool with_evidence) {
+  const auto split = [&](int k) {
     return fit_parts(recording, context, {order.begin(), order.begin() + k},
-                     {order.begin() + k, order.end()}, with_evidence);
+                     {order.begin() + k, order.end()});
   };
   const auto look = [&](int k) {
     if (k < kFewestInPart || k > n - kFewestInPart || tried.count(k)) return;
     context.report(static_cast<int>(tried.size()), static_cast<int>(tried.size()) + 8);
-    tried[k] = split(k, false).chi2();
+    tried[k] = chi2(split(k));
     if (tried[k] < (at == 0 ? kInfinity : tried.at(at))) at = k;
   };
   for (const int quarter : {2, 1, 3}) look(n * quarter / 4);
@@ -70,13 +62,20 @@ std::optional<Changed> two_parts(const Recording& recording, const TrialContext&
     if (at == middle) step /= 2;
   }
   if (at == 0) return std::nullopt;
-  const Parts best = split(at, true);
-  const double prior = log_prior(false, static_cast<size_t>(n)), found = best.log + prior;
-  const auto beats = [&](double log) { return found - log > kFound; };
-  if (!beats(log_evidence(recording, context, context.all, now))) return std::nullopt;
+  const std::vector<FittedPart> best = split(at);
+  const std::optional<EvidenceApart> apart = evidence_apart(best);
+  if (!apart) return std::nullopt;
+  // Noise is what it is within the parts: what lies between them is not.
+  const double prior = log_prior(false, static_cast<size_t>(n)),
+               of_whole = log_evidence_at({{recording, now}}, apart->noise),
+               log_odds = log_evidence_at(best, apart->noise) + prior - of_whole;
+  if (!(log_odds - log_by_chance({{recording, now}}, best) > kFound)) return std::nullopt;
   std::vector<int> some, others;
   for (int i = 0; i < n; ++i) ((i + 1) * at / n > i * at / n ? some : others).push_back(order[i]);
-  if (!beats(fit_parts(recording, context, some, others, true).log + prior)) return std::nullopt;
+  const std::vector<FittedPart> spread = fit_parts(recording, context, some, others);
+  const std::optional<EvidenceApart> mixed = evidence_apart(spread);
+  if (mixed && !(apart->log + prior - mixed->log - log_by_chance(spread, best) > kFound))
+    return std::nullopt;
   const std::string &last = recording.samples[order[at - 1]].id,
                     &first = recording.samples[order[at]].id;
   Notice out = make_notice(
@@ -84,13 +83,13 @@ std::optional<Changed> two_parts(const Recording& recording, const TrialContext&
       "what was recorded up to sample " + quoted(last) + " and from " + quoted(first) +
           " on contradict each other: chi2/dof is " +
           text("%.3g of all, %.3g and %.3g of the two by themselves", now.per_dof(),
-               best.before.per_dof(), best.after.per_dof()),
+               best[0].fit.per_dof(), best[1].fit.per_dof()),
       "something changed between: images of another size or lens setting, a joint that was homed "
       "anew, a camera, tracker or target that was bumped, or it is another robot",
       "calibrate the two parts apart, and compare them (diff)");
   out.chi2_as_is = now.chi2;
-  out.chi2_corrected = best.chi2();
-  return Changed{std::move(out), found};
+  out.chi2_corrected = chi2(best);
+  return Changed{std::move(out), apart->log + prior};
 }
 
 }  // namespace kincal

@@ -141,6 +141,50 @@ DataModel data_model(const Linearisation& at, const std::vector<Component>& furt
                     at.solution.values, further);
 }
 
+/// Returns data with unknowns of their own as one, with their kinds of noise shared.
+DataModel side_by_side(std::vector<DataModel> parts) {
+  KindNumbers kinds;
+  Eigen::Index unknowns = 0;
+  for (const DataModel& part : parts) {
+    for (const NoiseKind& kind : part.kinds) kinds.of(kind);
+    unknowns += part.model.width.size();
+  }
+  DataModel out;
+  out.kinds = kinds.all();
+  LinearModel& model = out.model;
+  model.numbers = VectorXd::Zero(static_cast<Eigen::Index>(out.kinds.size()));
+  model.prior = MatrixXd::Zero(unknowns, unknowns);
+  model.pull.resize(unknowns);
+  model.width.resize(unknowns);
+  Eigen::Index first = 0;
+  for (DataModel& part : parts) {
+    const Eigen::Index n = part.model.width.size();
+    model.prior.block(first, first, n, n) = part.model.prior;
+    model.pull.segment(first, n) = part.model.pull;
+    model.width.segment(first, n) = part.model.width;
+    model.prior_cost += part.model.prior_cost;
+    model.log_private_prior += part.model.log_private_prior;
+    for (size_t k = 0; k < part.kinds.size(); ++k)
+      model.numbers(kinds.of(part.kinds[k])) += part.model.numbers(static_cast<Eigen::Index>(k));
+    for (LinearModel::Group& group : part.model.groups) {
+      for (int& column : group.columns) column += static_cast<int>(first);
+      for (int& kind : group.kind)
+        if (kind >= 0) kind = kinds.of(part.kinds[kind]);
+      model.groups.push_back(std::move(group));
+    }
+    out.columns.insert(out.columns.end(), part.columns.begin(), part.columns.end());
+    first += n;
+  }
+  return out;
+}
+
+DataModel data_of(const std::vector<FittedData>& parts) {
+  std::vector<DataModel> models;
+  for (const FittedData& part : parts)
+    models.push_back(data_model(part.recording, part.samples, part.setup, part.values, {}));
+  return models.size() == 1 ? models.front() : side_by_side(std::move(models));
+}
+
 ModelEvidence evidence(const DataModel& data) {
   const LinearEvidence found = evidence(data.model);
   return {found.log, data.kinds, found.factor, data.model.numbers, found.fitted};
@@ -158,9 +202,16 @@ double reference_width(const ParameterTable& table, const Component& component,
 
 ModelEvidence evidence(const Linearisation& at) { return evidence(data_model(at, {})); }
 
-ModelEvidence evidence(const Recording& recording, const std::vector<int>& samples,
-                       const EstimationSetup& setup, const Values& values) {
-  return evidence(data_model(recording, samples, setup, values, {}));
+ModelEvidence evidence(const std::vector<FittedData>& parts) { return evidence(data_of(parts)); }
+
+double log_evidence_at(const std::vector<FittedData>& parts, const ModelEvidence& noise) {
+  const DataModel data = data_of(parts);
+  VectorXd factor = VectorXd::Ones(data.model.numbers.size());
+  for (size_t k = 0; k < data.kinds.size(); ++k)
+    for (size_t i = 0; i < noise.kinds.size(); ++i)
+      if (!(noise.kinds[i] < data.kinds[k]) && !(data.kinds[k] < noise.kinds[i]))
+        factor(static_cast<Eigen::Index>(k)) = noise.factor(static_cast<Eigen::Index>(i));
+  return log_evidence_at(data.model, factor);
 }
 
 std::vector<double> scores(const Linearisation& at,

@@ -65,10 +65,22 @@ struct ModelEvidence {
   VectorXd fitted;               // of these, so many are spent on unknowns
 };
 
-/// Returns the evidence of a fit. `samples`: those that took part.
+/// Returns the evidence of a fit.
 ModelEvidence evidence(const Linearisation& at);
-ModelEvidence evidence(const Recording& recording, const std::vector<int>& samples,
-                       const EstimationSetup& setup, const Values& values);
+
+/// FittedData are samples of a recording and what was fitted to them.
+struct FittedData {
+  const Recording& recording;
+  const std::vector<int>& samples;
+  const EstimationSetup& setup;
+  const Values& values;
+};
+/// Returns the evidence of fits of several parts of the data: each has unknowns of its own, and all
+/// have the same noise.
+ModelEvidence evidence(const std::vector<FittedData>& parts);
+/// Returns the log evidence of such fits where the noise is known: the factors of `noise`, 1 of
+/// kinds that it lacks. NaN: it is not defined.
+double log_evidence_at(const std::vector<FittedData>& parts, const ModelEvidence& noise);
 
 /// A FreeDirection is one more unknown: it moves components that the fit held, each so far, and has
 /// the prior N(0, width^2) about where they are held. One component with coefficient 1: a

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "../../solver/decompositions.h"
+#include "../../solver/kernels.h"
 
 namespace kincal {
 namespace {
@@ -12,18 +13,20 @@ namespace {
 const double kFactorSpread = std::log(3.0);  // of u: a stated sigma is a guess
 const double kLeastLogFactor = std::log(kLeastFactor);
 constexpr double kLongestStep = 1.5;     // in u
-constexpr double kSettledGain = 1e-4;    // of log evidence
+constexpr double kSettledGain = 0.01;    // of log evidence: odds of one percent
 constexpr double kLeastCurvature = 0.1;  // of F, to step by
 constexpr int kMostSteps = 50;
+constexpr double kSameMode = 0.7;  // in u: from so near the same one is found
 
-double log_determinant(const Cholesky& factorised, const VectorXd& scale) {
-  return 2 * (factorised.diagonal().array().log().sum() - scale.array().log().sum());
+/// The log determinant of S^-1 L L' S^-1, by the diagonals of L and S.
+double log_determinant(const VectorXd& factor, const VectorXd& scale) {
+  return 2 * (factor.array().log().sum() - scale.array().log().sum());
 }
 
 /// A group at some factors u, without its private unknowns.
 struct EliminatedGroup {
   const LinearModel::Group* group = nullptr;
-  MatrixXd left;           // [J r] over s_k
+  MatrixXd left;           // [J r] over s_k; then zeros, as the kernels want them
   MatrixXd basis;          // U, orthonormal, of the private columns over s_k
   double log_private = 0;  // log determinant of their block of H
 
@@ -32,16 +35,42 @@ struct EliminatedGroup {
     MatrixXd rows = of.rows;
     for (Eigen::Index i = 0; i < rows.rows(); ++i)
       if (of.kind[i] >= 0) rows.row(i) *= std::exp(-u(of.kind[i]));
-    left = rows.rightCols(rows.cols() - p);
+    left = MatrixXd::Zero(padded(static_cast<int>(rows.rows())) + kSlack, rows.cols() - p);
+    auto used = left.topRows(rows.rows());
+    used = rows.rightCols(rows.cols() - p);
     if (p == 0) return;
     const MatrixXd block = rows.leftCols(p);
     const VectorXd scale = block.colwise().norm().cwiseInverse();
     log_private = log_determinant(
-        Cholesky(scale.asDiagonal() * (block.transpose() * block) * scale.asDiagonal()), scale);
+        Cholesky(scale.asDiagonal() * (block.transpose() * block) * scale.asDiagonal()).diagonal(),
+        scale);
     basis = range_of(block);
-    left -= basis * (basis.transpose() * left);
+    used -= basis * (basis.transpose() * used).eval();
   }
 };
+
+/// Factorises the lower triangle of `a`, with kSlack rows behind; false: it is not positive
+/// definite. The diagonal is inverted then.
+bool factorise(MatrixXd& a) {
+  return kernels().cholesky(a.data(), static_cast<int>(a.cols()), static_cast<int>(a.rows()));
+}
+/// Replaces right' by L^-1 right', of such a factor L, strip by strip; `right` has kSlack rows more
+/// than it uses.
+void solve_transposed(const MatrixXd& factor, MatrixXd& right) {
+  const Eigen::Index n = factor.cols(), ld = factor.rows();
+  const int rows = static_cast<int>(right.rows()) - kSlack, stride = static_cast<int>(right.rows());
+  MatrixXd product(right.rows(), std::max<Eigen::Index>(0, n - kStrip));
+  for (Eigen::Index first = 0; first < n; first += kStrip) {
+    const Eigen::Index strip = std::min<Eigen::Index>(kStrip, n - first), next = first + strip;
+    kernels().solve_rows(factor.data() + first * (ld + 1), static_cast<int>(strip),
+                         static_cast<int>(ld), right.col(first).data(), rows, stride);
+    if (next == n) break;
+    kernels().multiply(factor.data() + next + first * ld, 1, ld, static_cast<int>(n - next),
+                       static_cast<int>(strip), right.col(first).data(), stride, rows,
+                       product.data(), stride);
+    right.rightCols(n - next) -= product.leftCols(n - next);
+  }
+}
 
 /// Log evidence for given factors, with its slope by u and the average information A.
 struct AtFactors {
@@ -53,7 +82,8 @@ struct AtFactors {
 AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
   AtFactors out;
   const Eigen::Index factors = u.size(), n = model.pull.size();
-  MatrixXd h = model.prior;
+  MatrixXd h = MatrixXd::Zero(n + kSlack, n);  // its lower triangle
+  h.topRows(n) = model.prior;
   VectorXd g = model.pull;
   double log_private = 0;
   std::vector<EliminatedGroup> groups;
@@ -61,8 +91,10 @@ AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
     const EliminatedGroup& group = groups.emplace_back(of, u);
     log_private += group.log_private;
     const auto m = static_cast<Eigen::Index>(of.columns.size());
-    MatrixXd gram = MatrixXd::Zero(m + 1, m + 1);
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(group.left.transpose());
+    MatrixXd gram(m + 1, m + 1);
+    kernels().gram(group.left.data(), static_cast<int>(group.left.rows()) - kSlack,
+                   group.left.rows(), static_cast<int>(m + 1), gram.data(),
+                   static_cast<int>(m + 1));
     for (Eigen::Index i = 0; i < m; ++i) {
       g(of.columns[i]) += gram(m, i);
       for (Eigen::Index j = i; j < m; ++j) {
@@ -71,14 +103,16 @@ AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
       }
     }
   }
-  h = MatrixXd(h.selfadjointView<Eigen::Lower>());
   if (n > 0 && !(h.diagonal().minCoeff() > 0)) return out;
   const VectorXd scale = h.diagonal().cwiseSqrt().cwiseInverse();
-  const Cholesky factorised(scale.asDiagonal() * h * scale.asDiagonal());
-  if (!factorised.good() || !std::isfinite(log_private)) return out;
-  const MatrixXd root = factorised.inverse_factor() * scale.asDiagonal(),
-                 c = root.transpose() * root;
-  out.step = -c * g;
+  h.topRows(n) = scale.asDiagonal() * h.topRows(n) * scale.asDiagonal();
+  if (!factorise(h) || !std::isfinite(log_private)) return out;
+  VectorXd solved = VectorXd::Zero(n + kSlack);
+  solved.head(n) = -scale.cwiseProduct(g);
+  kernels().solve_lower(h.data(), static_cast<int>(n), static_cast<int>(h.rows()), solved.data());
+  kernels().solve_lower_transposed(h.data(), static_cast<int>(n), static_cast<int>(h.rows()),
+                                   solved.data());
+  out.step = scale.cwiseProduct(solved.head(n));
   double cost =
       model.prior_cost + 2 * model.pull.dot(out.step) + out.step.dot(model.prior * out.step);
   out.fitted = VectorXd::Zero(factors);
@@ -89,21 +123,21 @@ AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
     const std::vector<int>& columns = group.group->columns;
     const auto m = static_cast<Eigen::Index>(columns.size());
     VectorXd at(m + 1);
-    MatrixXd covariance(m, m);
+    MatrixXd through = MatrixXd::Zero(group.left.rows(), n);  // J, then L^-1 S J'
     for (Eigen::Index i = 0; i < m; ++i) {
       at(i) = out.step(columns[i]);
-      for (Eigen::Index j = 0; j < m; ++j) covariance(j, i) = c(columns[j], columns[i]);
+      through.col(columns[i]) = scale(columns[i]) * group.left.col(i);
     }
+    solve_transposed(h, through);
     at(m) = 1;
-    const VectorXd e = group.left * at;
-    const MatrixXd through = group.left.leftCols(m) * covariance;
+    const VectorXd e = group.left.topRows(group.group->rows.rows()) * at;
     cost += e.squaredNorm();
     MatrixXd pulled = MatrixXd::Zero(group.basis.cols(), factors);
     for (Eigen::Index i = 0; i < e.size(); ++i) {
       const int k = group.group->kind[i];
       if (k < 0) continue;
       squares(k) += e(i) * e(i);
-      out.fitted(k) += through.row(i).dot(group.left.row(i).head(m));
+      out.fitted(k) += through.row(i).squaredNorm();
       for (Eigen::Index j = 0; j < m; ++j) pulls(columns[j], k) += e(i) * group.left(i, j);
       if (group.basis.cols() == 0) continue;
       out.fitted(k) += group.basis.row(i).squaredNorm();
@@ -113,11 +147,14 @@ AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
   }
   const double spread = 1 / (kFactorSpread * kFactorSpread);
   out.slope = squares - model.numbers + out.fitted - spread * u;
-  out.information -= 2 * pulls.transpose() * c * pulls;
+  MatrixXd pulled = MatrixXd::Zero(padded(static_cast<int>(factors)) + kSlack, n);
+  pulled.topRows(factors) = (scale.asDiagonal() * pulls).transpose();
+  solve_transposed(h, pulled);
+  out.information -= 2 * (pulled * pulled.transpose()).topLeftCorner(factors, factors);
   out.information.diagonal() += 2 * squares + VectorXd::Constant(factors, spread);
   out.log = model.log_private_prior - model.width.array().log().sum() - model.numbers.dot(u) -
             spread * u.squaredNorm() / 2 - cost / 2 - log_private / 2 -
-            log_determinant(factorised, scale) / 2;
+            log_determinant(h.diagonal().cwiseInverse(), scale) / 2;
   return out;
 }
 
@@ -136,8 +173,9 @@ LinearEvidence evidence_from(const LinearModel& model, VectorXd u) {
       u = (best + move).cwiseMax(kLeastLogFactor);
       continue;
     }
+    const bool settled = at.log - highest < kSettledGain;
     best = u;
-    highest = at.log;
+    highest = std::max(highest, at.log);
     // Factors at their least stay there if that is downhill.
     MatrixXd a = at.information;
     VectorXd slope = at.slope;
@@ -157,7 +195,7 @@ LinearEvidence evidence_from(const LinearModel& model, VectorXd u) {
     out.factor = u.array().exp();
     out.fitted = at.fitted;
     out.step = at.step;
-    if (slope.dot(move) < kSettledGain) break;
+    if (settled || slope.dot(move) < kSettledGain) break;
     const double longest = factors > 0 ? move.cwiseAbs().maxCoeff() : 0;
     if (longest > kLongestStep) move *= kLongestStep / longest;
     u = (u + move).cwiseMax(kLeastLogFactor);
@@ -176,7 +214,8 @@ LinearEvidence evidence(const LinearModel& model, const VectorXd& start) {
     squares += group.rows.rightCols(1).squaredNorm();
   const double common = std::max(kLeastLogFactor, std::log(squares / model.numbers.sum()) / 2);
   std::vector<VectorXd> starts = {VectorXd::Zero(factors)};
-  if (factors > 0) starts.push_back(VectorXd::Constant(factors, common));
+  if (factors > 0 && std::abs(common) > kSameMode)
+    starts.push_back(VectorXd::Constant(factors, common));
   if (start.size() == factors) starts.push_back(start.array().log());
   LinearEvidence out;
   out.log = std::numeric_limits<double>::quiet_NaN();
@@ -185,6 +224,10 @@ LinearEvidence evidence(const LinearModel& model, const VectorXd& start) {
     if (!(one.log <= out.log) && std::isfinite(one.log)) out = std::move(one);
   }
   return out;
+}
+
+double log_evidence_at(const LinearModel& model, const VectorXd& factor) {
+  return evaluate(model, factor.array().log()).log;
 }
 
 LinearModel with_unknowns(const LinearModel& model, const std::vector<int>& kept,

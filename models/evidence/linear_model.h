@@ -43,6 +43,9 @@ struct LinearEvidence {
 /// all have in common, and from `start` on, if it is given.
 LinearEvidence evidence(const LinearModel& model, const VectorXd& start = VectorXd());
 
+/// Returns the log evidence for factors of the noise that are known; NaN: it is not defined.
+double log_evidence_at(const LinearModel& model, const VectorXd& factor);
+
 /// Returns the model with these of its shared unknowns, in this order, and behind them one for each
 /// column of `directions`, which says how far it moves every shared unknown of the model and has
 /// the prior N(0, width^2).

@@ -167,7 +167,8 @@ bool can_be_wrong_number(NoticeKind kind) { return row(kind).traits & kNumber; }
 bool is_of_directions(NoticeKind kind) { return row(kind).traits & kDirections; }
 
 bool explains(NoticeKind cause, NoticeKind effect) {
-  if (is_mistake(cause) && can_spoil_the_fit(cause) && effect == NK::sigma) return true;
+  const bool of_sigmas = effect == NK::sigma || effect == NK::wrong_sigma;
+  if (is_mistake(cause) && can_spoil_the_fit(cause) && of_sigmas) return true;
   const std::vector<NK>& effects = row(cause).effects;
   return std::count(effects.begin(), effects.end(), effect) > 0;
 }

@@ -246,7 +246,7 @@ TEST_CASE("groups: an arm with a camera in its hand") {
   CHECK(all_start(lengths.members, 1e-3));
   CHECK(all_start(angles.members, 2e-3));
   CHECK(names(recording, group(groups, "sizes").members) == Names{"target/board/square"});
-  CHECK(all_start(group(groups, "sizes").members, 0.02 * 0.04));
+  CHECK(all_start(group(groups, "sizes").members, 0.01 * 0.04));
   CHECK(names(recording, group(groups, "focal lengths").members) ==
         Names{"sensor/eye/intrinsics.fx", "sensor/eye/intrinsics.fy"});
   CHECK(all_start(group(groups, "focal lengths").members, 0.02 * 500));
@@ -274,8 +274,8 @@ TEST_CASE("groups: each arm and the head is a run of its own") {
   const WidthGroup& sizes = group(groups, "sizes");
   REQUIRE(names(recording, sizes.members) ==
           Names{"target/left_board/square", "target/right_board/square"});
-  CHECK(sizes.members[0].start == Approx(0.02 * 0.03));
-  CHECK(sizes.members[1].start == Approx(0.02 * 0.05));
+  CHECK(sizes.members[0].start == Approx(0.01 * 0.03));
+  CHECK(sizes.members[1].start == Approx(0.01 * 0.05));
   for (const char* run : {"head1..head2", "left1..left3", "right1..right3"})
     for (const char* kind : {"lengths/", "angles/"})
       for (const std::string& n : names(recording, group(groups, std::string(kind) + run).members))

@@ -345,7 +345,17 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
       const VectorXd m = all.value - fixed.value;
       // What the held numbers add with the probability that they are off, and what wider widths do.
       const MatrixXd off = all.covariance - fixed.covariance + m * m.transpose();
-      const double p = 1 / (1 + 0.25 * std::exp(-holding.gain(1)));
+      const double p = holding.probability(1), spread = std::log(10),
+                   best = log_evidence(l.problem, widths.factor);
+      double average = 0;  // of the evidence over the widths, in steps of 0.01
+      for (double u = -5 * spread; u < 5 * spread; u += 0.01) {
+        VectorXd other = widths.factor;
+        other(1) = std::exp(u);
+        average += 0.01 *
+                   std::exp(log_evidence(l.problem, other) - best - u * u / (2 * spread * spread)) /
+                   (spread * std::sqrt(2 * kPi));
+      }
+      CHECK(p == Approx(1 / (1 + 0.25 * std::exp(-holding.gain(1)) / average)).epsilon(0.05));
       const MatrixXd wider = holding.second_moment - fixed.covariance - p * off;
       CHECK(smallest_eigenvalue(wider) > -1e-9 * off.trace());
       CHECK(wider.trace() < 3 * (all.covariance.trace() + off.trace()));

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
+#include <map>
 
 #include "../../../models/calibration/calibration.h"
 #include "../../../models/rig/targets.h"
@@ -223,6 +224,35 @@ TEST_CASE("evidence: noise that is not as stated is found, and right robots stay
     const std::vector<double> gains = scores_of(at);
     CHECK(*std::max_element(gains.begin(), gains.end()) < std::log(3 * 5 / 0.01));
   }
+}
+
+TEST_CASE("evidence: parts of the data have unknowns of their own and the same noise") {
+  const Linearisation one = fitted(arm(), logged(built(4), 20, 11)),
+                      other = fitted(arm(), logged(built(5), 30, 12));
+  const auto data = [](const Linearisation& at) -> FittedData {
+    static std::map<const Linearisation*, std::vector<int>> samples;
+    return {*at.solution.recording, samples[&at] = at.solution.training(), at.problem().setup(),
+            at.solution.values};
+  };
+  const ModelEvidence together = evidence({data(one), data(other)});
+  REQUIRE(together.kinds.size() == evidence(one).kinds.size());
+  for (Eigen::Index k = 0; k < together.numbers.size(); ++k)
+    CHECK(together.numbers(k) == Approx(evidence(one).numbers(k) + evidence(other).numbers(k)));
+  // Of known noise parts are independent.
+  ModelEvidence noise = together;
+  noise.factor.setOnes();
+  CHECK(log_evidence_at({data(one), data(other)}, noise) ==
+        Approx(log_evidence_at({data(one)}, noise) + log_evidence_at({data(other)}, noise)));
+  // The noise that is found is the likeliest that they have in common (its prior counts once).
+  const double highest = log_evidence_at({data(one), data(other)}, together);
+  for (Eigen::Index k = 0; k < together.factor.size(); ++k)
+    for (const double by : {0.9, 1.1}) {
+      noise.factor = together.factor;
+      noise.factor(k) *= by;
+      CHECK(log_evidence_at({data(one), data(other)}, noise) < highest + 0.02);
+    }
+  // With noise of their own they are explained no worse but for the price of another factor each.
+  CHECK(evidence(one).log + evidence(other).log < together.log + 10);
 }
 
 TEST_CASE("evidence: of what is called sure of robots so much is right") {
