@@ -27,7 +27,7 @@
 // second moment is
 //     C_0 + P (C - C_0 + m m'),   P = 1 / (1 + exp(-gain) / (4 a)),
 // where a is the evidence averaged over all widths, u ~ N(0, (ln 10)^2), over that at the best: a
-// group whose best widths are a twentieth of what is usual pays for that they were not expected.
+// group whose best widths are a twentieth of what is usual was less likely beforehand.
 // (Averaged with ln 3, errors a twentieth of the usual ones were taken for none: as large as the
 // noise, they were beyond three times the predicted in 27 % of draws.)
 // (Two to one, as it was, left 4.8 % of 563 numbers that were held so beyond three sigmas, of

@@ -10,13 +10,10 @@
 namespace kincal {
 namespace {
 
-// Log density of a residual that is left out, anywhere within 300 sigmas, against the peak of a
-// normal one; the mean of that of a residual that is kept.
-const double kAnywhere = std::log(300.0 / std::sqrt(2 * kPi)), kOfAKept = 0.5;
-constexpr double kMovesAs = 6;  // degrees of freedom of a rigid motion
-const double kOfAKind = std::log(0.01), kRarer = std::log(0.001);  // odds beforehand
-constexpr double kPoseNear = 0.05, kTurnNear = 5 * kPi / 180;      // m, rad: a given pose
-constexpr double kImpossible = -690;                               // ln 1e-300
+// Log density of a residual that is left out, against the peak of a normal one; the mean of that of
+// a residual that is kept.
+const double kAnywhere = std::log(Thresholds::anywhere / std::sqrt(2 * kPi)), kOfAKept = 0.5;
+constexpr double kMovesAs = 6;        // degrees of freedom of a rigid motion
 constexpr double kRoughNumbers = 12;  // of a view: six of where its target is, six of the rest
 
 /// Whether a hypothesis frees this parameter because it may be anywhere.
@@ -29,11 +26,11 @@ bool is_sought(const ParameterTable& table, int parameter, const Hypothesis* h) 
                      [&](const std::string& name) { return name.rfind(p.name, 0) == 0; });
 }
 
-/// The density of what the steps free without a prior where it came out.
+/// The log density of parameters that the steps free without a prior, where they came out.
 double log_moved(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
-  double out = is_impossible(recording, fit) ? kImpossible : 0;
+  double out = is_impossible(recording, fit) ? Thresholds::impossible : 0;
   for (const Freed& freed : fit.setup.free) {
     const Parameter& p = table.all[freed.parameter];
     if (p.pose) {
@@ -47,8 +44,10 @@ double log_moved(const Recording& recording, const TrialFit& fit, const Hypothes
       }
       const Pose change =
           inverse(get_pose(table.initial, p.start)) * get_pose(fit.values.shared, p.start);
-      const double moved = change.translation.squaredNorm() / (kPoseNear * kPoseNear),
-                   turned = log_so3(change.rotation).squaredNorm() / (kTurnNear * kTurnNear);
+      const double moved = change.translation.squaredNorm() /
+                           (Thresholds::pose_near * Thresholds::pose_near),
+                   turned = log_so3(change.rotation).squaredNorm() /
+                            (Thresholds::turn_near * Thresholds::turn_near);
       out -= 3.5 * std::log1p(moved + turned);  // (1 + 6) / 2
       continue;
     }
@@ -164,7 +163,8 @@ double precision(double log_odds) {
 }
 
 double log_prior(bool rarer, size_t alike) {
-  return (rarer ? kRarer : kOfAKind) - std::log(static_cast<double>(std::max<size_t>(1, alike)));
+  return std::log((rarer ? Thresholds::rarer : Thresholds::of_a_kind) /
+                  static_cast<double>(std::max<size_t>(1, alike)));
 }
 
 double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit) {
@@ -235,7 +235,6 @@ double log_evidence_at(const std::vector<FittedPart>& parts, const ModelEvidence
 
 double log_by_chance(const std::vector<FittedPart>& with, const std::vector<FittedPart>& without,
                      const Subjects& about) {
-  constexpr double kTimes = 3;
   const double left_with = per_dof(with), left = per_dof(without);
   if (!std::isfinite(left_with) || left < Thresholds::noise) return 0;
   std::map<std::string, double> squares;  // mean squares by sample
@@ -261,7 +260,7 @@ double log_by_chance(const std::vector<FittedPart>& with, const std::vector<Fitt
     variance += static_cast<double>(gain.count) *
                 std::max(0.0, square.value() - gain.value() * gain.value());
   }
-  return kTimes * std::sqrt(variance);
+  return Thresholds::by_chance * std::sqrt(variance);
 }
 
 double rough_log_evidence(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {

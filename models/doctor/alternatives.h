@@ -13,9 +13,10 @@
 // - Another number that the steps free without a prior, moved by d of its usual error:
 //   -2 ln(1 + d^2 / 3), Student's density with three degrees of freedom; where the mistake itself
 //   frees it: -ln(1 + d^2), Cauchy's. A focal length that changes its sign, or a principal point
-//   that moves by a focal length: e^-690, for no lens is like that.
+//   that moves by a focal length: -690. No lens is like that.
 //
-// - A number that is wrong with what is left out: -ln(300 / sqrt(2 pi)). It may be anywhere within
+// - A residual of views or points that are left out: -ln(300 / sqrt(2 pi)). It may be anywhere
+// within
 //   300 sigmas (of the noise that the fit leaves), where a number that is kept is normal. Six
 //   numbers are wrong with the views of a target from one body (a rigid motion), two with a point.
 //
@@ -24,9 +25,9 @@
 //
 // Prior odds: each kind of mistake is in one recording of a hundred, a rarer one in one of a
 // thousand, shared by all of its kind. A finding has odds of 99 to 1 against the data as they are,
-// beyond what differs by chance where neither explains them. A mistake that frees numbers, and then
-// explains the data, may also have these odds where everything else is as the rig states it: among
-// the errors of any robot is also a square or a baseline that is some percent off.
+// beyond what differs by chance where neither explains them. A mistake that frees parameters, and
+// then explains the data, may also have these odds where everything else is as the rig states it:
+// among the errors of any robot is also a square or a baseline that is some percent off.
 #pragma once
 
 #include <cmath>
@@ -38,9 +39,9 @@
 namespace kincal {
 
 /// Log odds from which on a mistake is a finding: 99 %.
-const double kFound = std::log(99.0);
+const double kFound = std::log(Thresholds::found);
 /// Log odds within which another mistake may be the cause as well: 90 %.
-const double kAsLikely = std::log(9.0);
+const double kAsLikely = std::log(Thresholds::as_likely);
 /// Returns by how much the log odds of mistakes differ that explain the same: their fits end a
 /// little apart.
 double precision(double log_odds);
@@ -89,7 +90,8 @@ std::optional<EvidenceApart> evidence_apart(const std::vector<FittedPart>& parts
 /// all fits of the data.
 double log_evidence_at(const std::vector<FittedPart>& parts, const ModelEvidence& noise);
 
-/// Returns the log density of what a fit of a recording leaves out of the given one.
+/// Returns the log density of the views and points that a fit of a recording leaves out of the
+/// given one.
 double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit);
 
 /// Returns how far the log evidence of fits of the data (of all, or of parts) with a mistake and

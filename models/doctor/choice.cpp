@@ -308,6 +308,7 @@ class PairSearch {
   void add_usual(const Hypothesis& first) {
     const Trial one = try_hypothesis(recording_, context_, first, {20, 1e-3});
     if (!std::isfinite(one.cost)) return;
+    weigh_alone(first, one);
     const TrialContext further = with_stage(one);
     std::vector<Hypothesis> others = of_pairs(one.recording, one.stage);
     if (!first.squares.empty())
@@ -324,6 +325,7 @@ class PairSearch {
     const Trial one = try_hypothesis(recording_, bearing_outliers(context_), first, {15, 1e-3});
     const TrialContext further = with_stage(one);
     const TrialFit robust = robust_fit(one.recording, further);
+    weigh_alone(first, try_hypothesis(recording_, context_, first, {20, 1e-3}));
     std::vector<Hypothesis> others = turned_views(one.recording, robust);
     for (auto h : {outlier_points(one.recording, further, robust),
                    bad_samples(one.recording, further, robust)})
@@ -332,6 +334,8 @@ class PairSearch {
   }
 
   std::optional<Mistakes> take() { return std::move(best_); }
+  /// The first mistake that is likeliest alone.
+  const std::optional<Hypothesis>& alone() const { return alone_; }
 
  private:
   TrialContext with_stage(const Trial& one) const {
@@ -340,6 +344,15 @@ class PairSearch {
     out.all.loss = context_.all.loss;
     out.given_poses_freed = frees_given_poses(one.recording, one.stage);
     return out;
+  }
+
+  void weigh_alone(const Hypothesis& first, const Trial& one) {
+    const double rough = rough_log_evidence(one.recording, one.fit, &first) +
+                         log_left_out(recording_, one.recording, one.fit) +
+                         log_prior(first.rarer, alike(all_, first.kind));
+    if (!(rough > rough_alone_)) return;
+    rough_alone_ = rough;
+    alone_ = first;
   }
 
   void add(const Hypothesis& first, const Trial& one, const TrialContext& further,
@@ -359,8 +372,9 @@ class PairSearch {
   const Recording& recording_;
   const TrialContext& context_;
   const std::vector<Hypothesis>& all_;
-  double rough_ = -kInfinity;
+  double rough_ = -kInfinity, rough_alone_ = -kInfinity;
   std::optional<Mistakes> best_;
+  std::optional<Hypothesis> alone_;
 };
 
 }  // namespace
@@ -442,7 +456,9 @@ std::optional<Mistakes> choose_two(const Recording& recording, const TrialContex
                                          {{best->trial.recording, best->trial.fit}}, about);
   if (!(best->log_evidence - as_is - by_chance > kFound)) return std::nullopt;
   const double of_both = best->log_evidence;
-  for (const Hypothesis& h : std::vector<Hypothesis>(best->hypotheses)) {
+  std::vector<Hypothesis> singles = best->hypotheses;
+  if (search.alone()) singles.push_back(*search.alone());
+  for (const Hypothesis& h : singles) {
     Trial t = try_hypothesis(recording, context, h, {100, 1e-9});
     if (!std::isfinite(t.cost)) continue;
     Mistakes one{{h}, std::move(t), log_prior(h.rarer, alike(all, h.kind)), 0};

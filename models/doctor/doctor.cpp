@@ -116,13 +116,13 @@ Notice word(const Hypothesis& h, const Evidence& evidence) {
 /// The recording; one whose rig calls all readings exact, as none are, with a guess of their noise.
 SharedRecording with_guessed_readings(const SharedRecording& recording,
                                       const TrialContext& context) {
-  constexpr double kGuess = 1e-3;  // rad, m
   Rig rig = recording->rig;
   if (context.noise != NoiseMode::latent ||
       std::any_of(rig.joints.begin(), rig.joints.end(),
                   [](const JointSettings& joint) { return joint.sigma > 0; }))
     return recording;
-  for (JointSettings& joint : rig.joints) joint.sigma = joint.noise_guess = kGuess;
+  for (JointSettings& joint : rig.joints)
+    joint.sigma = joint.noise_guess = Thresholds::guessed_reading;
   return make_recording(recording->with_rig(std::move(rig)));
 }
 
@@ -133,7 +133,7 @@ struct State {
   TrialFit now;
   std::vector<Notice> findings;
 
-  /// The log density of what was left out, with the prior of what was found.
+  /// The log density of the views and points that were left out, with the prior of the findings.
   double log_besides() const {
     return log_left_out(*given, *recording, now) +
            log_prior(false, 1) * static_cast<double>(findings.size());

@@ -42,6 +42,22 @@ struct Thresholds {
   static constexpr double hopeless = 100;
   /// A point lies far off at this many sigmas, if at most this share of all points does.
   static constexpr double far_point = 10, most_far = 0.2;
+  // Odds (alternatives.h). By all of these together 2 of 1000 right recordings of 14 kinds of
+  // robots have a false alarm (benchmarks/healthy.py).
+  /// A mistake is a finding from these odds on; another is named with it within these.
+  static constexpr double found = 99, as_likely = 9;
+  /// Shares of recordings that have a mistake of a kind, and of a rare kind.
+  static constexpr double of_a_kind = 0.01, rarer = 0.001;
+  /// A residual that is left out may be anywhere within this, sigmas: some hundred pixels.
+  static constexpr double anywhere = 300;
+  /// A given pose is about as near as this, m and rad: where a mount was measured by hand.
+  static constexpr double pose_near = 0.05, turn_near = 0.0873;
+  /// Log density of a lens that cannot be (is_impossible()): 1e-300.
+  static constexpr double impossible = -690;
+  /// What differs by chance, standard deviations.
+  static constexpr double by_chance = 3;
+  /// A noise that nobody states is guessed so, m or rad, where its size is estimated.
+  static constexpr double guessed_reading = 1e-3;
   /// Mistakes are looked for on top of each other in at most this many rounds.
   static constexpr int rounds = 4;
 };

@@ -6,10 +6,10 @@
 // and the split is the one that leaves least. As a sample on the wrong side costs the more the more
 // of them there are, it is found from a few splits by halving. It is a finding by its odds
 // (alternatives.h), the parameters that the steps free being unknown in both parts and the rest as
-// the rig has it: against one fit of all, with the noise that is found within the parts, for else
-// one fit puts down to noise what lies between them; and against parts as large that are spread
-// over all samples, for two fits explain more than one anyway where something is wrong that is not
-// of one moment.
+// the rig has it: against one fit of all, with the noise that is found within the parts, because
+// one fit would take the difference of the parts for noise; and against parts as large that are
+// spread over all samples, because two fits explain more than one anyway where something is wrong
+// that is not of one moment.
 #pragma once
 
 #include <optional>
