@@ -108,27 +108,20 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
                                const std::vector<Freed>& poses) {
   constexpr double kNone = 1e-4;             // of the motions by each component
   constexpr double kTakesPart = 0.2;         // of the largest component of a direction
-  constexpr double kGiven = 4, kTarget = 2;  // preferred, in shares of a direction
+  constexpr double kGiven = 4, kTarget = 2, kSame = 2;  // preferred, in shares of a direction
   std::vector<Component> columns;
   for (const Freed& pose : poses)
     for (const int c : pose.components) columns.push_back({pose.parameter, c});
+  if (columns.empty()) return {};
   const MatrixXd all = squared_motions(recording, shared, columns);
-  std::vector<Eigen::Index> seen;
-  for (Eigen::Index i = 0; i < all.rows(); ++i)
-    if (all(i, i) > 0) seen.push_back(i);
-  if (seen.empty()) return {};
-  const auto n = static_cast<Eigen::Index>(seen.size());
-  MatrixXd motions(n, n);
-  for (Eigen::Index i = 0; i < n; ++i)
-    for (Eigen::Index j = 0; j < n; ++j)
-      motions(i, j) =
-          all(seen[i], seen[j]) / std::sqrt(all(seen[i], seen[i]) * all(seen[j], seen[j]));
-  const SymmetricEigen eigen = symmetric_eigen(motions);
+  const auto n = static_cast<Eigen::Index>(columns.size());
+  const VectorXd scale = (all.diagonal().array() > 0).select(all.diagonal().array().rsqrt(), 1);
+  const SymmetricEigen eigen = symmetric_eigen(scale.asDiagonal() * all * scale.asDiagonal());
   Eigen::Index count = 0;
   while (count < n && eigen.values(count) < kNone * kNone) ++count;
   MatrixXd open = eigen.vectors.leftCols(count);
   std::vector<Gauge> out;
-  const auto component = [&](Eigen::Index i) { return columns[static_cast<size_t>(seen[i])]; };
+  const auto component = [&](Eigen::Index i) { return columns[static_cast<size_t>(i)]; };
   for (Eigen::Index k = 0; k < count; ++k) {
     Eigen::Index best = 0;
     double most = -1;
@@ -136,7 +129,11 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
       const int parameter = component(i).parameter;
       const double share =
           open.row(i).norm() * (is_given(recording, parameter) ? kGiven : 1) *
-          (recording.table.all[parameter].kind == ParameterKind::target_pose ? kTarget : 1);
+          (recording.table.all[parameter].kind == ParameterKind::target_pose ? kTarget : 1) *
+          (std::any_of(out.begin(), out.end(),
+                       [&](const Gauge& g) { return g.fixed.parameter == parameter; })
+               ? kSame
+               : 1);
       if (share > most * (1 + 1e-6)) most = share, best = i;
     }
     const VectorXd direction = open * open.row(best).transpose().normalized();

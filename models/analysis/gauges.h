@@ -26,7 +26,8 @@ int common_body(const Rig& rig);
 
 /// A Gauge is such a direction.
 struct Gauge {
-  Component fixed;              // decides it; of a pose that the rig gives, if one takes part
+  Component fixed;              // decides it; of a pose that the rig gives, if one takes part,
+                                // and of as few poses as may be
   bool given = false;           // that is so
   std::vector<Component> with;  // move along with it, that which moves most first
 };

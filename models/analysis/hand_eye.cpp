@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -11,6 +10,7 @@
 #include "../../solver/decompositions.h"
 #include "../rig/configuration.h"
 #include "../rig/words.h"
+#include "frames.h"
 
 namespace kincal {
 namespace {
@@ -40,6 +40,7 @@ struct Turns {
 };
 
 Turns turns_of(const std::vector<Matrix3d>& rotations) {
+  if (rotations.empty()) return {};
   std::vector<Vector3d> turns;
   Matrix3d spread = Matrix3d::Zero();
   for (const Matrix3d& rotation : rotations) {
@@ -73,33 +74,29 @@ Turned turned_flange(const Recording& recording, int flange) {
           turns_of(rotations)};
 }
 
-/// Of sensors against mounted targets; `what` is empty where that is not all that is seen, and of a
-/// robot that cannot turn about two axes.
-Turned turned_sensor(const Recording& recording) {
+/// Of sensors against the mounted targets that they see, in the samples' postures or in these;
+/// `what` is empty where that is not all that is seen.
+Turned turned_sensor(const Recording& recording, const std::vector<Readings>& postures = {}) {
   const Rig& rig = recording.rig;
-  const bool can_turn =
-      std::any_of(rig.tree.joints.begin(), rig.tree.joints.end(),
-                  [](const Joint& j) { return j.moves() && j.type != JointType::prismatic; });
-  if (!can_turn) return {};
-  std::set<int> links;
-  for (const Sensor& sensor : rig.sensors) links.insert(sensor.link);
-  for (const Target& target : rig.targets)
-    if (target.link >= 0) links.insert(target.link);
-  if (only_turn_of(recording, links)) return {};
   std::map<std::pair<int, int>, std::vector<Matrix3d>> pairs;
-  for (const int i : recording.training()) {
-    const Sample& sample = recording.samples[i];
-    const std::vector<double> readings = completed(sample.readings);
-    const Configuration robot(rig, recording.table, recording.table.initial, readings);
-    for (const View& v : sample.views) {
+  const std::vector<int> training = recording.training();
+  for (const int i : training)
+    for (const View& v : recording.samples[i].views) {
       const Sensor& sensor = rig.sensors[v.sensor];
+      const int link = rig.targets[v.target].link;
       const MeasurementKind kind = sensor.model->measurement_kind();
       const bool one_pose = kind == MeasurementKind::rays || kind == MeasurementKind::pose;
-      if (!one_pose || rig.targets[v.target].link < 0) return {};
-      pairs[{v.sensor, v.target}].push_back(
-          robot.a_T_b(sensor.link, rig.targets[v.target].link).rotation);
+      if (!one_pose || link < 0) return {};
+      std::vector<Matrix3d>& rotations = pairs[{v.sensor, v.target}];
+      const auto turn = [&](const Readings& readings) {
+        const Configuration robot(rig, recording.table, recording.table.initial, readings);
+        rotations.push_back(robot.a_T_b(sensor.link, link).rotation);
+      };
+      if (postures.empty())
+        turn(completed(recording.samples[i].readings));
+      else if (rotations.empty())
+        for (const Readings& readings : postures) turn(readings);
     }
-  }
   Turned out;
   for (const auto& [pair, rotations] : pairs) {
     const Turns turns = turns_of(rotations);
@@ -111,51 +108,20 @@ Turned turned_sensor(const Recording& recording) {
   return out;
 }
 
+/// True if sensors and targets can turn against each other about two axes: those of a SCARA, or of
+/// a palletizer, whose followers keep the tool level, cannot.
+bool can_turn(const Recording& recording) {
+  constexpr int kPostures = 12;
+  const Turned turned = turned_sensor(recording, random_postures(recording.rig, kPostures, 1));
+  return turned.turns.others >= kEnoughTurn;
+}
+
 }  // namespace
-
-Matrix3d turned_at_zero(const Tree& tree, int link) {
-  Matrix3d out = Matrix3d::Identity();
-  for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
-    out = pose_at_zero(tree.joints[j]).rotation * out;
-  return out;
-}
-
-std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<int>& links) {
-  constexpr int kPostures = 8;
-  constexpr double kParallel = 0.999, kTurned = 0.2;  // cosine; rad, for an axis to be told
-  constexpr double kGolden = 0.6180339887498949;      // multiples of it spread evenly over 0 .. 1
-  const Tree& tree = recording.rig.tree;
-  std::vector<double> readings(tree.joints.size(), 0);
-  std::map<int, Matrix3d> first;
-  std::optional<Vector3d> out;
-  for (int k = 0, draw = 0; k < kPostures; ++k) {
-    for (size_t j = 0; j < tree.joints.size(); ++j) {
-      const Joint& joint = tree.joints[j];
-      if (joint.type == JointType::floating || joint.type == JointType::planar ||
-          joint.axis_of_pose != PoseAxis::none)
-        return {};
-      if (!joint.has_reading()) continue;
-      const bool limits = joint.lower < joint.upper;
-      const double share = std::fmod(kGolden * ++draw, 1.0), lower = limits ? joint.lower : -1,
-                   upper = limits ? joint.upper : 1;
-      readings[j] = lower + share * (upper - lower);
-    }
-    const Configuration robot(recording.rig, recording.table, recording.table.initial, readings);
-    for (const int link : links) {
-      const Matrix3d now = robot.a_T_b(tree.root, link).rotation;
-      const Eigen::AngleAxisd turn(now * first.insert({link, now}).first->second.transpose());
-      if (turn.angle() < kTurned) continue;
-      if (out && std::abs(out->dot(turn.axis())) < kParallel) return {};
-      if (!out) out = turn.axis();
-    }
-  }
-  return out;
-}
 
 MotionLack motion_lack(const Recording& recording) {
   const int flange = only_flange(recording.rig.tree);
   const Turned turned = flange < 0 ? turned_sensor(recording) : turned_flange(recording, flange);
-  if (turned.what.empty()) return {};
+  if (turned.what.empty() || (flange < 0 && !can_turn(recording))) return {};
   const std::string turn =
       "turn " + turned.it + " about at least two axes that are not parallel, by 30 degrees or more";
   const size_t poses = count_postures(recording);

@@ -6,8 +6,6 @@
 // seen at all (Tsai and Lenz 1989).
 #pragma once
 
-#include <optional>
-#include <set>
 #include <string>
 
 #include "../rig/recording.h"
@@ -23,13 +21,5 @@ struct MotionLack {
 /// says nothing where some view tells more than one pose of these: of a target that is not mounted,
 /// by a sensor of single points, by a scanner.
 MotionLack motion_lack(const Recording& recording);
-
-/// Returns how the frame of a link is turned in the root's, with all joints at zero.
-Matrix3d turned_at_zero(const Tree& tree, int link);
-
-/// Returns the one direction about which these links turn, in the root's frame, wherever the joints
-/// are: of a SCARA, and of a palletizer, whose followers keep the tool level. Nothing where there
-/// are more, or none, and where a link moves freely.
-std::optional<Vector3d> only_turn_of(const Recording& recording, const std::set<int>& links);
 
 }  // namespace kincal

@@ -455,29 +455,6 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
   return out;
 }
 
-/// Rotations of mounts that nothing seen can tell, as those of points on a line about it:
-/// directions of the mounts' step that turn one pose alone, by their largest component.
-std::vector<Freed> blind_rotations(const Solution& mounts) {
-  std::vector<Freed> out;
-  const LastProblem* last = mounts.last.get();
-  if (!last) return out;
-  for (const auto& direction : last->observability.directions) {
-    const Component* largest = nullptr;
-    double coefficient = 0;
-    bool alone = true;
-    for (const auto& entry : direction) {
-      const Component& c = mounts.columns[entry.first];
-      alone = alone && c.index >= 3 && c.parameter == mounts.columns[direction[0].first].parameter;
-      if (std::abs(entry.second) > coefficient) {
-        coefficient = std::abs(entry.second);
-        largest = &c;
-      }
-    }
-    if (alone && largest) merge(out, {{largest->parameter, {largest->index}}});
-  }
-  return out;
-}
-
 /// Gauges of the mounts: one component of each is fixed, where the rig gives its pose as given.
 std::vector<Gauge> fix_gauges(const Recording& recording, const VectorXd& initial,
                               AutomaticGroups& groups, VectorXd& shared) {
@@ -581,8 +558,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     mounts.last_step = kMounts;
     mounts.free.clear();
     solution = calibrate(at_start(), mounts);
-    merge(groups.pointing, blind_rotations(solution));
-    turn_back(recording, groups.pointing, solution.initial, solution.values.shared);
+    turn_back(recording.table, groups.pivots, solution.initial, solution.values.shared);
     out.gauges = fix_gauges(recording, solution.initial, groups, solution.values.shared);
   }
   const StepPlan plan = resolve_steps(*at_start(), run).back();

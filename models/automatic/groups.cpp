@@ -6,10 +6,12 @@
 #include <set>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
 #include "../estimation/estimation.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
+#include "../rig/targets.h"
 #include "../rig/words.h"
 
 namespace kincal {
@@ -27,6 +29,20 @@ bool is_pair(const Rig& rig, int a, int b) {
 
 namespace {
 
+/// How points spread: their moments.
+struct PointSpread {
+  double count = 0, sigma = 0;  // sigma: the largest of a coordinate, m
+  Vector3d sum = Vector3d::Zero();
+  Matrix3d squares = Matrix3d::Zero();
+
+  void add(const Vector3d& p, double noise) {
+    ++count;
+    sigma = std::max(sigma, noise);
+    sum += p;
+    squares += p * p.transpose();
+  }
+};
+
 class GroupMaker {
  public:
   explicit GroupMaker(const Recording& recording);
@@ -41,7 +57,7 @@ class GroupMaker {
  private:
   void make_mounts();
   int shared_joint(size_t sensor, const std::vector<size_t>& others) const;
-  void hold_pointing(int mount);
+  void fix_rotations(int mount, int pose, const PointSpread& seen);
   void make_joints();
   void make_geometry();
   void make_targets_and_sensors();
@@ -94,29 +110,45 @@ int GroupMaker::shared_joint(size_t sensor, const std::vector<size_t>& others) c
              : -1;
 }
 
-/// Whether points are seen at the sensor's own origin, within their noise.
-bool is_at_origin(const View& v) {
-  constexpr double kSigmas = 10;
-  for (size_t i = 0; i < v.z.size(); ++i)
-    if (std::abs(v.z[i]) > (v.covariance.empty() ? kSigmas * v.sigma[i % v.sigma.size()] : 0))
-      return false;
-  return true;
-}
-
-/// Of a mount that nothing can turn. One that two things share turns one about the other.
-void GroupMaker::hold_pointing(int mount) {
+/// Fixes the rotations of a mount that move none of the points seen, in the frame of `pose`, which
+/// it carries: about a single point all, about a line the one about it. A mount that two things
+/// share turns one about the other.
+void GroupMaker::fix_rotations(int mount, int pose, const PointSpread& seen) {
   const auto shares = std::count(table_.sensor_mount.begin(), table_.sensor_mount.end(), mount) +
                       std::count(table_.target_mount.begin(), table_.target_mount.end(), mount);
-  if (shares == 1) out_.pointing.push_back({mount, {3, 4, 5}});
+  if (shares != 1 || seen.count == 0) return;
+  const Vector3d mean = seen.sum / seen.count;
+  const SymmetricEigen spread =
+      symmetric_eigen(Matrix3d(seen.squares / seen.count - mean * mean.transpose()));
+  const double none = std::pow(10 * seen.sigma, 2) + 1e-12 * seen.squares.trace() / seen.count;
+  if (!(spread.values(2) > none)) {
+    out_.pointing.push_back({mount, {3, 4, 5}});
+    if (mount == pose) out_.pivots[pose] = mean;
+  } else if (!(spread.values(1) > none) && mount == pose) {
+    int axis = 0;
+    spread.vectors.col(2).cwiseAbs().maxCoeff(&axis);
+    out_.pointing.push_back({mount, {3 + axis}});
+  }
 }
 
 void GroupMaker::make_mounts() {
-  std::vector<char> done(rig_.sensors.size(), 0), away(rig_.sensors.size(), 0);
+  std::vector<char> done(rig_.sensors.size(), 0);
+  std::vector<PointSpread> measured(rig_.sensors.size());  // of sensors of points, in their frames
+  std::vector<PointSpread> seen(rig_.targets.size());      // in targets' frames
+  std::vector<char> turned(rig_.targets.size(), 0);        // a sensor measures how
+  std::vector<Eigen::Matrix3Xd> points;
+  for (const Target& target : rig_.targets) points.push_back(target_points(target));
   for (const Sample& sample : samples_)
-    for (const View& v : sample.views)
-      if (rig_.sensors[v.sensor].model->measurement_kind() != MeasurementKind::points ||
-          !is_at_origin(v))
-        away[v.sensor] = 1;
+    for (const View& v : sample.views) {
+      const SensorModel& model = *rig_.sensors[v.sensor].model;
+      if (model.measurement_kind() == MeasurementKind::points)
+        for (size_t k = 0; k + 3 <= v.z.size(); k += 3)
+          measured[v.sensor].add(Eigen::Map<const Vector3d>(&v.z[k]),
+                                 v.covariance.empty() ? v.sigma[k % v.sigma.size()] : 0);
+      for (const int k : view_ids(v, rig_.targets[v.target]))
+        seen[v.target].add(points[v.target].col(k), 0);
+      if (model.measures_pose()) turned[v.target] = 1;
+    }
   for (size_t s = 0; s < rig_.sensors.size(); ++s) {
     if (done[s] || !used_[table_.sensor_pose[s]]) continue;
     std::vector<size_t> others;
@@ -128,19 +160,14 @@ void GroupMaker::make_mounts() {
       for (const size_t t : others) done[t] = 1;
     const int mount = joint >= 0 ? table_.joint_origin[joint] : table_.sensor_pose[s];
     if (used_[mount]) merge(out_.mounts, {whole(table_, mount)});
-    if (!away[s] && mount == table_.sensor_mount[s]) hold_pointing(mount);  // turning does nothing
+    if (mount == table_.sensor_mount[s]) fix_rotations(mount, table_.sensor_pose[s], measured[s]);
   }
   for (size_t t = 0; t < rig_.targets.size(); ++t)
     if (table_.target_pose[t] >= 0 && used_[table_.target_mount[t]])
       merge(out_.mounts, {whole(table_, table_.target_mount[t])});
-  std::vector<char> turns(rig_.targets.size(), 0);  // a sensor measures how it is turned
-  for (const Sample& sample : samples_)
-    for (const View& v : sample.views)
-      if (rig_.sensors[v.sensor].model->measures_pose()) turns[v.target] = 1;
   for (size_t t = 0; t < rig_.targets.size(); ++t)
-    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] &&
-        rig_.targets[t].count() == 1 && !turns[t])
-      hold_pointing(table_.target_mount[t]);
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] && !turned[t])
+      fix_rotations(table_.target_mount[t], table_.target_pose[t], seen[t]);
 }
 
 void GroupMaker::add(const std::string& group, int parameter, int component) {
@@ -365,24 +392,15 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   return out;
 }
 
-void turn_back(const Recording& recording, const std::vector<Freed>& pointing,
+void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
                const VectorXd& initial, VectorXd& shared) {
-  for (const Freed& f : pointing) {
-    const Parameter& p = recording.table.all[f.parameter];
-    if (f.components != std::vector<int>{3, 4, 5}) continue;
-    Vector3d point = Vector3d::Zero();
-    if (p.kind == ParameterKind::target_pose) {
-      const Target& target = recording.rig.targets[p.owner];
-      if (target.count() != 1) continue;
-      point = target.grid ? Vector3d(target.square * target.layout.col(0)) : target.points.col(0);
-    } else if (p.kind != ParameterKind::sensor_pose) {
-      continue;
-    }
-    Pose pose = get_pose(shared, p.start);
-    const Matrix3d given = get_pose(initial, p.start).rotation;
-    pose.translation += (pose.rotation - given) * point;
+  for (const auto& [parameter, pivot] : pivots) {
+    const int start = table.all[parameter].start;
+    Pose pose = get_pose(shared, start);
+    const Matrix3d given = get_pose(initial, start).rotation;
+    pose.translation += (pose.rotation - given) * pivot;
     pose.rotation = given;
-    set_pose(shared, p.start, pose);
+    set_pose(shared, start, pose);
   }
 }
 

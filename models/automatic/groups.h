@@ -3,8 +3,8 @@
 // Mounts. Poses of sensors and mounted targets, free without a prior: everything else is measured
 // from them. Where the rig names a fixed joint as the mount, its origin is free in place of the
 // pose. Two cameras of a rectified pair share one mount, the fixed joint above their link.
-// What nothing can turn is held: a single-point target, and a point sensor that sees points at its
-// own origin only.
+// Rotations that move nothing seen are fixed: of a target of one point or points on a line, and of
+// a sensor that measures points at one place of its own frame only.
 //
 // Groups. Numbers of one kind, of which nothing is known but how far such numbers are usually off:
 // x_i ~ N(0, t_i^2) around the rig's values, t_i = factor * start_i with one unknown factor a group
@@ -29,6 +29,7 @@
 // between those part, are members too that no measurement sees: known only as well as their group.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -50,7 +51,10 @@ struct WidthGroup {
 
 struct AutomaticGroups {
   std::vector<Freed> mounts;    // whole poses
-  std::vector<Freed> pointing;  // of these, components that turn nothing
+  std::vector<Freed> pointing;  // of these, components that are fixed: no measurement depends on
+                                // them
+  std::map<int, Vector3d> pivots;  // by pose that is fixed in rotation: the single point in its
+                                   // frame that is seen there
   std::vector<WidthGroup> groups;
   std::vector<Member> stated;  // with a prior in the rig, which is their width and stays
   std::vector<Member> gears;   // of the group that has this name, if it was not asked for
@@ -97,10 +101,8 @@ bool is_pair(const Rig& rig, int a, int b);
 /// "group[N]" or "no_group[N]": no group has the name.
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice);
 
-/// Gives what nothing can turn, a target of one point or what sees points at its own origin only,
-/// the rig's rotation (`initial`) again: the point stays where it is. Of `pointing` other
-/// components stay as they are.
-void turn_back(const Recording& recording, const std::vector<Freed>& pointing,
+/// Turns poses about their pivots back to the rig's rotation (`initial`).
+void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
                const Eigen::VectorXd& initial, Eigen::VectorXd& shared);
 
 /// Returns why nothing of a recording can be estimated. `on_demand`: the user held much;

@@ -40,6 +40,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_normalised(rig, samples, survey, out);
   add_shifts(rig, samples, survey, out);  // many: last, where bad ones are given up soon
   add_links(rig, samples, out);
+  add_apart(rig, samples, out);
   if (!survey.floating.empty() && survey.ranges.empty())  // the same as poses the wrong way round
     out.erase(std::remove_if(out.begin(), out.end(),
                              [](const Hypothesis& h) { return h.kind == NoticeKind::eye_in_hand; }),

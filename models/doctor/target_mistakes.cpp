@@ -442,6 +442,41 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
   }
 }
 
+void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out) {
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    if (rig.targets[t].link >= 0) continue;
+    std::set<int> sensors;  // that see it together with others
+    for (const Sample& sample : samples) {
+      std::set<int> here;
+      for (const View& v : sample.views)
+        if (v.target == static_cast<int>(t)) here.insert(v.sensor);
+      if (here.size() > 1) sensors.merge(here);
+    }
+    if (sensors.size() == 2) sensors.erase(sensors.begin());  // the same to both
+    for (const int s : sensors) {
+      const std::string sensor = quoted(rig.sensors[s].name), target = quoted(rig.targets[t].name);
+      Hypothesis h;
+      h.kind = NoticeKind::views_apart;
+      h.many = true;
+      h.where = {Subject::sensor(rig.sensors[s].name), Subject::target(rig.targets[t].name)};
+      h.mistake = "the views of sensor " + sensor + " show target " + target +
+                  " elsewhere than the other sensors' views in the same samples";
+      h.cure =
+          "a sample is to be one moment: see whether this sensor's views are in another order, or "
+          "late; if it sees another object, give that an entry of its own in targets";
+      h.undo = [s, t = static_cast<int>(t)](Rig& r, std::vector<Sample>& changed) {
+        Target own = r.targets[t];
+        own.name += " (seen by " + r.sensors[s].name + ")";
+        r.targets.push_back(std::move(own));
+        for (Sample& sample : changed)
+          for (View& v : sample.views)
+            if (v.sensor == s && v.target == t) v.target = static_cast<int>(r.targets.size()) - 1;
+      };
+      out.push_back(std::move(h));
+    }
+  }
+}
+
 // ------------------------------------------------------------------------------------------------
 // a target that was moved
 namespace {

@@ -30,6 +30,10 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const 
 /// Adds mirrored points that are no grid and not in a plane: their mirror image is another target.
 void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
 
+/// Adds views of a sensor that show a free target elsewhere than the views of other sensors in the
+/// same samples: of another moment, or of another object.
+void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out);
+
 /// Finds by fits the mounted target, and the sample of those that follow each other in time, from
 /// which on that target stands elsewhere on its link. Nothing: none is seen in enough samples.
 std::optional<Hypothesis> moved_target(const Recording& recording, const TrialContext& context);

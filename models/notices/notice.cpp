@@ -64,6 +64,7 @@ const std::vector<Row>& rows() {
       {NK::baseline, "baseline", Severity::doubt, kMistake | kNumber},
       {NK::convention, "convention", Severity::doubt, kMistake},
       {NK::moved_target, "moved-target", Severity::doubt, kMistake},
+      {NK::views_apart, "views-apart", Severity::doubt, kMistake},
       {NK::turned_picture, "turned-picture", Severity::doubt, kMistake},
       {NK::changed, "changed", Severity::doubt, kMistake},
       {NK::bent, "bent", Severity::doubt, kSpoils},

@@ -57,6 +57,7 @@ enum class NoticeKind {
   baseline,
   convention,
   moved_target,
+  views_apart,
   turned_picture,
   changed,
   bent,

@@ -113,8 +113,9 @@ void warn_of_gauges(const Report& report, Notices& out) {
     for (const Component& c : gauge.with) with.push_back(table.name(c));
     fixed.push_back(table.name(gauge.fixed));
     cases.push_back({Subject::parameter(fixed.back()),
-                     fixed.back() + " cannot be distinguished from " + listed(with, kNamed) +
-                         " in any posture" +
+                     (with.empty() ? fixed.back() + " changes no measurement"
+                                   : fixed.back() + " cannot be distinguished from " +
+                                         listed(with, kNamed) + " in any posture") +
                          (gauge.given ? ": it is fixed as the rig gives it"
                                       : ": it is fixed at its starting value")});
   }

@@ -100,12 +100,17 @@ std::vector<std::string> undetermined_by_data(const std::vector<AutomaticGroup>&
   return out;
 }
 
-/// What is not determined although everything converged: what an earlier step freed, or a frame.
+/// What is not determined although everything converged: what an earlier step freed, but for
+/// gauges that were fixed after it, or a frame.
 std::vector<std::string> undetermined(const Report& report) {
   std::vector<std::string> out;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.sigma.size(); ++c)
-      if (std::isnan(e.sigma[c])) out.push_back(e.component_name(c));
+      if (const Component component = {e.parameter, static_cast<int>(c)};
+          std::isnan(e.sigma[c]) &&
+          std::none_of(report.gauges.begin(), report.gauges.end(),
+                       [&](const Gauge& gauge) { return gauge.fixed == component; }))
+        out.push_back(e.component_name(c));
   for (const FrameReport& f : report.validation.frames)
     for (const FrameSigma& s : f.workspaces)
       if (std::isnan(s.position.rms) || std::isnan(s.rotation.rms)) {

@@ -33,7 +33,7 @@ COUNT = [0]
 IDS = ["square", "rows-columns", "numbering", "mirrored", "joint-sign", "degrees", "still-joint", "inverted-pose", "convention", "eye-in-hand",
        "swapped-cameras", "rectified", "duplicates", "disconnected", "bad-samples", "exchanged-axes", "resolution", "intrinsics",
        "normalised", "board-columns", "turned-pose", "outlier-points",
-       "units", "outside-image", "shifted", "lag", "wrong-link", "sigma",
+       "units", "outside-image", "views-apart", "shifted", "lag", "wrong-link", "sigma",
        "home-position", "exchanged-joints", "exchanged-targets", "absolute-angle", "joint-axis", "gear", "quaternion", "baseline", "moved-target", "turned-picture", "changed"]
 NO_CHI2 = {"still-joint", "duplicates", "disconnected"}      # chi2 says nothing about these
 CURES = {   # what the text has to speak of, besides naming what is wrong
@@ -44,7 +44,7 @@ CURES = {   # what the text has to speak of, besides naming what is wrong
     "disconnected": r"free|see|mount|tie|connect|hold|target", "bad-samples": r"remove|leave|drop|reject|record|delete",
     "exchanged-axes": r"\[u, v\].* column", "resolution": r"intrinsics", "intrinsics": r"\[fx, fy, cx, cy\]", "normalised": r"pixels as detected|intrinsics in pixels",
     "board-columns": r"columns.*one too (small|large)", "turned-pose": r"Turn it", "outlier-points": r"huber: 3",
-    "shifted": r"pair", "lag": r"stand|time", "wrong-link": r"correct", "sigma": r"state|--estimate-noise"}
+    "shifted": r"pair", "views-apart": r"another order", "lag": r"stand|time", "wrong-link": r"correct", "sigma": r"state|--estimate-noise"}
 
 
 # ----------------------------------------------------------------------------- robots
@@ -846,6 +846,16 @@ def views_after(sensor):
     return plant
 
 
+def another_order(sensor):
+    """This sensor's views in another order."""
+    def plant(rig, samples):
+        seen = [[v for v in s["views"] if v["sensor"] == sensor] for s in samples]
+        n = len(samples)
+        for i, s in enumerate(samples):
+            s["views"] = [v for v in s["views"] if v["sensor"] != sensor] + seen[(7 * i + 3) % n]
+    return plant
+
+
 def late(seconds, stamps=True):
     """Readings that are older than the views."""
     def plant(rig, samples):
@@ -873,6 +883,7 @@ def sigma_of(factor, sensor=None):
 PLANTS += [
     Plant("shifted_eye", "eye", "readings of the sample before", "shifted", readings_before, ["camera"]),
     Plant("shifted_tracker", "tracker", "readings of the sample before", "shifted", readings_before, ["tracker"]),
+    Plant("apart_stereo", "stereo", "the right camera's pictures in another order", "views-apart", another_order("right"), ["right|left"]),
     Plant("shifted_right", "head", "the right camera's views of the sample after", "shifted", views_after("right"), ["right"], innocent=["left"]),
     Plant("lag", "moving", "readings 37 ms older than the views", "lag", late(0.037), cure=r"older than the views.*0\.03[678]\d* s"),
     Plant("lag_unstamped", "moving", "the same without stamps", "lag", late(0.037, False), cure=r"older than the views.*0\.3[678]\d* of the time"),

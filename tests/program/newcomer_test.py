@@ -898,6 +898,38 @@ class Parallel(Case):
                 self.assertAlmostEqual(camera[0], 0.033, delta=0.001)
         self.assertIn("nothing to explain", self.kincal("check", "rig.yaml", "samples.jsonl", "--quiet"))
 
+    def test_two_cameras_that_see_free_boards_only(self):
+        """Where both are together is a choice: the place of one is fixed, the other's place and the lenses are determined. Views that do not belong together are named."""
+        camera = "  %s: {type: camera, model: brown_conrady, link: l2, image_size: [1280, 960], intrinsics: [%g, %g, 640, 480], sigma: 0.2%s}\n"
+        rig = """format: kincal/1
+robot: mast.urdf
+base: base
+joints: {"*": {sigma: 0.0001}}
+targets:
+  board: {type: chessboard, rows: 8, columns: 11, square: 0.03, mount: free}
+sensors:
+"""
+        self.write("mast.urdf", '<robot name="mast"><link name="base"/>' + "".join(
+            '<joint name="%s" type="%s"><parent link="%s"/><child link="%s"/><origin xyz="0.1 0 0.3"/><axis xyz="0 0 1"/><limit lower="-0.5" upper="0.5" effort="1" velocity="1"/></joint><link name="%s"/>' % (*j, j[3])
+            for j in (("lift", "prismatic", "base", "l1"), ("pan", "revolute", "l1", "l2"))) + "</robot>")
+        poses = [", pose: {xyz: [%g, 0, 0], rpy: [0, %g, 0]}" % p for p in ((0, 0), (0.12, -0.05))]
+        samples = self.simulate(rig + "".join(camera % (n, 903, 904, p) for n, p in zip(("left", "right"), poses)), {}, samples=25)
+        for given in (poses, (poses[0], ""), ("", "")):
+            with self.subTest(given=given):
+                self.write("rig.yaml", rig + "".join(camera % (n, 900, 900, p) for n, p in zip(("left", "right"), given)))
+                result, text = self.calibrate(samples)
+                self.assertEqual(result["verdict"]["use"], "good", text)
+                self.assertIn("6 parameters are free choices", self.warnings(result, "gauge")[0])
+                left, right = (pose["pose"] for pose in (result["parameters"].get("sensor/%s/pose" % n, {"pose": {"xyz": [0, 0, 0]}}) for n in ("left", "right")))
+                self.assertAlmostEqual(math.dist(left["xyz"], right["xyz"]), 0.12, delta=0.002)
+                for n in ("left", "right"):
+                    self.assertAlmostEqual(result["parameters"]["sensor/%s/intrinsics" % n]["value"][0], 903, delta=2)
+        views = [s["views"] for s in samples]
+        for i, s in enumerate(samples):
+            s["views"] = [v for v in views[i] if v["sensor"] == "left"] + [v for v in views[(7 * i + 3) % 25] if v["sensor"] == "right"]
+        result, text = self.calibrate(samples, code=3)
+        self.assertIn("views-apart", [f["id"] for f in result["findings"]], text)
+
     def test_one_pose_given_determines_the_other(self):
         self.write("rig.yaml", SCARA % SCARA_POSES + "estimate:\n  - {step: camera, free: [sensor/cam/pose, joint/j2/offset]}\n")
         result, _ = self.calibrate(self.samples())

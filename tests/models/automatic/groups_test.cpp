@@ -68,7 +68,8 @@ Rig two_arms(const std::string& below = "base", Rig rig = {}) {
 }
 
 /// Samples in which every sensor sees every target, with numbers that nobody looks at.
-std::vector<Sample> seen(const Rig& rig, double measured = 0.5) {
+/// All numbers measured are the same, and change from sample to sample by a share of them.
+std::vector<Sample> seen(const Rig& rig, double measured = 0.5, double change = 0) {
   std::vector<Sample> out;
   Random random(1);
   for (int n = 0; n < 3; ++n) {
@@ -80,7 +81,8 @@ std::vector<Sample> seen(const Rig& rig, double measured = 0.5) {
         v.target = static_cast<int>(t);
         v.sigma = rig.sensors[s].sigma;
         v.ids = seen_ids(rig, v);
-        v.z.assign(v.ids.size() * rig.sensors[s].model->numbers(), measured);
+        v.z.assign(v.ids.size() * rig.sensors[s].model->numbers(),
+                   measured * (1 + change * n));
         sample.views.push_back(v);
       }
     out.push_back(sample);
@@ -425,12 +427,27 @@ TEST_CASE("groups: what nothing can turn") {
   SECTION("a target of one point") {
     add_tracker(rig, "tracker", "base", at({1, 0, 0}), {1e-4, 1e-4, 1e-4});
     add_points(rig, "ball", Vector3d(0, 0, 0), hand, at({0, 0, 0.1}));
-    const Recording recording(rig, seen(rig));
+    std::vector<Sample> samples = seen(rig);
+    for (size_t i = 0; i < samples.size(); ++i) samples[i].views[0].z[i % 3] += 0.1;
+    const Recording recording(rig, samples);
     const AutomaticGroups groups = make_groups(recording, {});
     CHECK(names(recording, groups.mounts) ==
           whole_poses({"sensor/tracker/pose", "target/ball/pose"}));
     CHECK(names(recording, groups.pointing) ==
           Names{"target/ball/pose.rx", "target/ball/pose.ry", "target/ball/pose.rz"});
+    CHECK(groups.pivots.size() == 1);
+  }
+  SECTION("points on a line") {
+    add_tracker(rig, "tracker", "base", at({1, 0, 0}), {1e-4, 1e-4, 1e-4});
+    Eigen::Matrix3Xd rod(3, 3);
+    rod << 0, 0.01, 0.02, 0.1, 0.3, 0.5, 0, 0, 0;
+    add_points(rig, "rod", rod, hand, at({0, 0, 0.1}));
+    std::vector<Sample> samples = seen(rig);
+    for (size_t i = 0; i < samples.size(); ++i) samples[i].views[0].z[i % 3] += 0.1;
+    const Recording recording(rig, samples);
+    const AutomaticGroups groups = make_groups(recording, {});
+    CHECK(names(recording, groups.pointing) == Names{"target/rod/pose.ry"});
+    CHECK(groups.pivots.empty());
   }
   SECTION("a sensor that sees points at its own origin only") {
     add_tracker(rig, "tip", hand, at({0, 0, 0.1}), {1e-4, 1e-4, 1e-4});
@@ -442,8 +459,13 @@ TEST_CASE("groups: what nothing can turn") {
     CHECK(names(recording, groups.mounts) == whole_poses({"sensor/tip/pose", "target/plate/pose"}));
     CHECK(names(recording, groups.pointing) ==
           Names{"sensor/tip/pose.rx", "sensor/tip/pose.ry", "sensor/tip/pose.rz"});
-    const Recording elsewhere(rig, seen(rig, 0.1));
-    CHECK(make_groups(elsewhere, {}).pointing.empty());
+    // A tip that is elsewhere in the sensor's frame, always at the same place, turns nothing either.
+    const Recording tip(rig, seen(rig, 0.1));
+    const AutomaticGroups beside = make_groups(tip, {});
+    CHECK(names(tip, beside.pointing) == names(recording, groups.pointing));
+    CHECK((beside.pivots.begin()->second - Vector3d::Constant(0.1)).norm() < 1e-12);
+    const Recording elsewhere(rig, seen(rig, 0.1, 1));
+    CHECK(names(elsewhere, make_groups(elsewhere, {}).pointing).size() == 1);  // along a line
   }
 }
 
