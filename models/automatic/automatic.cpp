@@ -12,10 +12,7 @@
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "arm_scale.h"
 #include "guessed_noise.h"
-#include "lone_lengths.h"
-#include "unchecked_scales.h"
 #include "widths.h"
 
 namespace kincal {
@@ -24,8 +21,7 @@ namespace {
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
 constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 30;
-constexpr double kNoiseAtRest = 0.005;           // change of noise that nobody states, relative
-constexpr double kContradicted = 3, kDoubt = 5;  // times a stated prior; log evidence for that
+constexpr double kNoiseAtRest = 0.005;  // change of noise that nobody states, relative
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
 
@@ -258,8 +254,8 @@ struct Learned {
   std::vector<Component> columns;
   WidthProblem problem;
   Widths widths;
-  double gears_gain = kNan;
   std::vector<UncheckedScale> unchecked;
+  std::vector<OtherModel> other_models;
   std::shared_ptr<const Recording> recording;  // with the noise that was found
 };
 
@@ -277,7 +273,8 @@ void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGro
     factor(factor.size() - 1) = 1;
     const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
     if (!widths.defined) return;
-    out.gears_gain = evidence_gain(with.problem, widths, with.problem.groups - 1);
+    out.other_models.push_back(
+        other_gears(evidence_gain(with.problem, widths, with.problem.groups - 1)));
   }
   VectorXd sigma = VectorXd::Zero(with.problem.at.size());
   for (Eigen::Index i = 0; i < sigma.size(); ++i) {
@@ -342,35 +339,6 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     }
     out.recording = std::move(next);
   }
-}
-
-/// The rig's priors that the data contradict: each a group whose width is learned along with the
-/// others'. They begin far wider than stated: with the prior as it is other numbers have taken the
-/// errors' place, and the way out of there may be long.
-std::vector<DoubtedPrior> doubted_priors(const Recording& recording, const Learned& learned) {
-  const std::vector<PriorSetting>& stated = recording.rig.priors;
-  WidthProblem problem = learned.problem;
-  for (size_t k = 0; k < stated.size(); ++k)
-    for (const Freed& f : recording.table.find(stated[k].pattern, stated[k].where))
-      for (size_t i = 0; i < learned.columns.size(); ++i)
-        if (learned.problem.group[i] < 0 && problem.start(static_cast<Eigen::Index>(i)) > 0 &&
-            is_among({f}, learned.columns[i]))
-          problem.group[i] = problem.groups + static_cast<int>(k);
-  const int first = problem.groups;
-  problem.groups += static_cast<int>(stated.size());
-  VectorXd as_stated = VectorXd::Ones(problem.groups);
-  as_stated.head(first) = learned.widths.factor;
-  VectorXd wide = VectorXd::Ones(problem.groups);
-  wide.tail(problem.groups - first).setConstant(10);
-  const Widths found = learn_widths(problem, wide, kWidthRounds);
-  std::vector<DoubtedPrior> out;
-  if (!found.defined) return out;
-  const double gain = log_evidence(problem, found.factor) - log_evidence(problem, as_stated);
-  for (size_t k = 0; k < stated.size(); ++k) {
-    const double factor = found.factor(first + static_cast<int>(k));
-    if (factor > kContradicted && gain > kDoubt) out.push_back({stated[k].pattern, factor, gain});
-  }
-  return out;
 }
 
 /// What errors are predicted from: all that was estimated or held, and what no measurement sees.
@@ -601,22 +569,19 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return out;
   solution.prediction = prediction_of(groups, learned, holding);
-  if (const std::optional<LoneAlternative> lone =
-          lone_length(recording, learned.problem, learned.columns, learned.widths)) {
-    const Eigen::Index n = lone->moved.size();
-    solution.prediction->covariance.topLeftCorner(n, n) +=
-        lone->probability * lone->moved * lone->moved.transpose();
-    out.lone = lone->length;
-  }
-  out.arm_scale =
-      arm_scale(recording, learned.problem, learned.columns, learned.widths, solution.initial);
+  out.other_models =
+      other_models(recording, {learned.problem, learned.columns}, learned.widths, solution.initial);
+  for (const OtherModel& other : out.other_models)
+    if (const Eigen::Index n = other.moved.size())
+      solution.prediction->covariance.topLeftCorner(n, n) +=
+          other.probability() * other.moved * other.moved.transpose();
+  out.other_models.insert(out.other_models.end(), learned.other_models.begin(),
+                          learned.other_models.end());
   set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, holding, solution);
   out.mounts = mounts.values.shared;
-  out.gears_gain = learned.gears_gain;
   out.unchecked = learned.unchecked;
-  if (!recording.rig.priors.empty()) out.doubted = doubted_priors(recording, learned);
   return out;
 }
 

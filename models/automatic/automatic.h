@@ -13,14 +13,13 @@
 // measurement sees included (Solution::prediction); sigmas are its roots.
 #pragma once
 
-#include <limits>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "../analysis/gauges.h"
 #include "../calibration/calibration.h"
 #include "groups.h"
+#include "other_models.h"
 
 namespace kincal {
 
@@ -44,24 +43,13 @@ struct AutomaticGroup {
   bool held = false;  // all of them
 };
 
-/// A DoubtedPrior is one of the rig's own that the data contradict: with a width so many times as
-/// large they are far more likely.
-struct DoubtedPrior {
-  std::string pattern;
-  double factor = 1, gain = 0;  // gain: of log evidence
-};
-
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
   std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
-  std::vector<DoubtedPrior> doubted;   // priors
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
-  std::optional<LoneLength> lone;
-  std::optional<ArmScale> arm_scale;
-  // Evidence for gears that were not asked for (NaN: there are none, or they were).
-  double gears_gain = std::numeric_limits<double>::quiet_NaN();
+  std::vector<OtherModel> other_models;
 };
 
 struct AutomaticOptions : CalibrationOptions {

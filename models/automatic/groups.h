@@ -69,24 +69,6 @@ struct UncheckedScale {
   double moved = 0, sigmas = 0;
 };
 
-/// An ArmScale is a factor that all lengths of the arm have in common, and the sensors that measure
-/// lengths (arm_scale.h).
-struct ArmScale {
-  double factor = 1, sigma = 0;
-  double gain = 0;  // log evidence for it
-  std::vector<std::string> sensors;
-};
-
-/// A LoneLength is a length of the arm that may be wrong alone, in place of sizes of boards
-/// (squares) or baselines that came out as others: off by as much as a mistake at least
-/// (rig/scales.h), and by kLoneTimes as much as the lengths of other joints (lone_lengths.h).
-struct LoneLength {
-  std::string length;              // joint/NAME/origin.x
-  std::vector<std::string> sizes;  // target/NAME/square, sensor/NAME/baseline
-  double gain = 0;                 // log evidence for that rather than for the sizes
-};
-constexpr double kLoneTimes = 2.5;
-
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
 struct GroupChoice {
   std::vector<std::string> with, without;

@@ -5,17 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "../notices/notice.h"
+#include "../evidence/evidence.h"
 
 namespace kincal {
-
-/// An Alternative is what a mistake undone makes of the data, against the data as they are
-/// (alternatives.h).
-struct Alternative {
-  NoticeKind kind = NoticeKind::square;
-  Subjects where;
-  double log_odds = 0;
-};
 
 /// A Diagnosis is all that was found, and what it explains.
 struct Diagnosis {

@@ -45,7 +45,7 @@ struct Thresholds {
   // Odds (alternatives.h). By all of these together 2 of 1000 right recordings of 14 kinds of
   // robots have a false alarm (benchmarks/healthy.py).
   /// A mistake is a finding from these odds on; another is named with it within these.
-  static constexpr double found = 99, as_likely = 9;
+  static constexpr double found = kFoundOdds, as_likely = kAsLikelyOdds;
   /// Shares of recordings that have a mistake of a kind, and of a rare kind.
   static constexpr double of_a_kind = 0.01, rarer = 0.001;
   /// A residual that is left out may be anywhere within this, sigmas: some hundred pixels.

@@ -40,6 +40,7 @@
 #include <vector>
 
 #include "../analysis/linearisation.h"
+#include "../notices/notice.h"
 #include "linear_model.h"
 
 namespace kincal {
@@ -99,6 +100,16 @@ std::vector<double> scores(const Linearisation& at,
 /// poses, which may be anywhere, else its usual error (rig/scales.h).
 double reference_width(const ParameterTable& table, const Component& component,
                        const VectorXd& values);
+
+/// An Alternative is another model of the data, as what a mistake undone makes of them, and its odds
+/// against the data as they are, those beforehand counted.
+struct Alternative {
+  NoticeKind kind = NoticeKind::square;
+  Subjects where;
+  double log_odds = 0;
+};
+/// It is a finding from these odds on; another is named with it within these.
+constexpr double kFoundOdds = 99, kAsLikelyOdds = 9;
 
 /// A WeighedModel is one of several models of the same data, one of them "as it is".
 struct WeighedModel {

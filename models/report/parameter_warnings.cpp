@@ -133,7 +133,8 @@ namespace {
 /// calibrations would have such a one.
 bool prior_is_doubtful(const Report& report) {
   constexpr double kRarely = 0.01, kSigmas = 3;
-  if (report.automatic.empty() || !report.doubted.empty()) return true;
+  if (report.automatic.empty() || !told_models(report.other_models, NoticeKind::prior).empty())
+    return true;
   std::set<std::string> grouped;
   double told = 0, worst = 0;
   for (const AutomaticGroup& g : report.automatic) {

@@ -69,12 +69,9 @@ struct Report {
   std::optional<Restarts> restarts;
   std::vector<AutomaticGroup> automatic;  // of a rig without steps
   VectorXd mounts;                        // of these, shared values with the mounts alone estimated
-  double gears_gain = std::numeric_limits<double>::quiet_NaN();  // AutomaticCalibration::gears_gain
-  std::vector<DoubtedPrior> doubted;      // priors of such a rig that the data contradict
+  std::vector<OtherModel> other_models;   // of the data of such a rig, with their odds
   std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
   std::vector<Gauge> gauges;              // of mounts, that the automatic path fixed
-  std::optional<LoneLength> lone;         // length of such a rig that may be wrong alone
-  std::optional<ArmScale> arm_scale;      // of such a rig
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)

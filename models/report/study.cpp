@@ -92,12 +92,11 @@ std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
   return out;
 }
 
-constexpr double kUnusualGears = 100;  // log evidence for gears of another ratio
-
 /// Whether a group came out so much worse than usual that it may take a mistake up, or a number or
 /// a sensor's turn so far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
-  return !mistaken_numbers(report).empty() || report.gears_gain > kUnusualGears ||
+  return !mistaken_numbers(report).empty() ||
+         !told_models(report.other_models, NoticeKind::gears).empty() ||
          is_a_sensor_turned(report.solution) ||
          std::any_of(report.automatic.begin(), report.automatic.end(),
                      [](const AutomaticGroup& g) { return !g.held && g.factor > kUnusualWidth; });
@@ -218,12 +217,9 @@ double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
 void take(AutomaticCalibration found, Report& report) {
   report.solution = std::move(found.solution);
   report.automatic = std::move(found.groups);
-  report.gears_gain = found.gears_gain;
-  report.doubted = std::move(found.doubted);
+  report.other_models = std::move(found.other_models);
   report.unchecked = std::move(found.unchecked);
   report.gauges = std::move(found.gauges);
-  report.lone = std::move(found.lone);
-  report.arm_scale = std::move(found.arm_scale);
   report.mounts = std::move(found.mounts);
 }
 
@@ -516,9 +512,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
       look_for_what_was_taken_up(recording->rig, options, report);
     }
     if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
-      if (!look_for_a_wrong_length(recording->rig, mistaken_numbers(report, kLooksResized),
-                                   automatic_options(options), report))
-        return std::nullopt;
+      find_wrong_length(mistaken_numbers(report, kLooksResized), report);
     if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
       Notices other = not_as_given(solution, report.residuals);
       if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);

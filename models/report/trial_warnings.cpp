@@ -19,12 +19,12 @@ std::string shown_text(double value, const std::string& unit) {
 }
 
 void warn_of_doubted_priors(const Report& report, Notices& out) {
-  for (const DoubtedPrior& prior : report.doubted)
+  for (const OtherModel* prior : told_models(report.other_models, NoticeKind::prior))
     out.push_back(make_notice(
-        NoticeKind::prior, {{Subject::Kind::prior, prior.pattern}},
-        "the data contradict the rig's prior on " + prior.pattern +
-            text(": with one %.2g times as wide they are far more likely (log evidence %+.3g)",
-                 prior.factor, prior.gain),
+        NoticeKind::prior, prior->where,
+        "the data contradict the rig's prior on " + prior->where[0].name +
+            text(": with one %.2g times as wide they are far more likely (log odds %+.3g)",
+                 prior->value, prior->log_odds),
         "with the prior as it is other parameters take the place of these",
         "see which of the two is wrong, the prior or the data; correct it, or leave it away"));
 }

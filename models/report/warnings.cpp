@@ -399,7 +399,6 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Notices& out) {
 /// Groups that came out much worse than such numbers usually are, and gears that the rig's path
 /// leaves out.
 void warn_of_widths(const Report& report, Notices& out) {
-  constexpr double kSpeaking = 10;  // log evidence
   std::vector<Case> wide;
   for (const AutomaticGroup& group : report.automatic)
     if (group.factor > kUnusualWidth && !group.held)
@@ -413,15 +412,17 @@ void warn_of_widths(const Report& report, Notices& out) {
         "they may take up a mistake in the rig or the data",
         "compare what the rig says of these parameters with the robot, and the readings with its "
         "own display, and look for the usual mistakes (`check`)"));
-  if (report.gears_gain > kSpeaking && !report.unexplained)
-    out.push_back(make_notice(
-        NoticeKind::gears, {},
-        text("the data speak for other gear ratios than stated (log evidence %.0f), which were not "
-             "estimated: predicted errors may be too small",
-             report.gears_gain),
-        "",
-        "have them estimated (`group` gears), unless a board that is not as drawn or repeated "
-        "readings look like them"));
+  for (const OtherModel* gears : told_models(report.other_models, NoticeKind::gears))
+    if (!report.unexplained)
+      out.push_back(make_notice(
+          NoticeKind::gears, {},
+          text("the data speak for other gear ratios than stated (log evidence %.0f), which were "
+               "not "
+               "estimated: predicted errors may be too small",
+               gears->value),
+          "",
+          "have them estimated (`group` gears), unless a board that is not as drawn or repeated "
+          "readings look like them"));
 }
 
 void warn_of_minima(const Restarts& restarts, Notices& out) {
