@@ -40,7 +40,6 @@
 #include <vector>
 
 #include "../analysis/linearisation.h"
-#include "linear_model.h"
 
 namespace kincal {
 
