@@ -6,6 +6,7 @@
 
 #include "../models/joints/joint_model.h"
 #include "../models/sensors/sensors.h"
+#include "../solver/kernels.h"
 #include "../solver/levenberg_marquardt.h"
 #include "../solver/observability.h"
 #include "../solver/reduced_system.h"

@@ -5,6 +5,8 @@
 #include <map>
 #include <thread>
 
+#include "kernels.h"
+
 namespace kincal {
 namespace {
 

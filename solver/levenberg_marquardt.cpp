@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "elimination.h"
+#include "reduced_system.h"
 
 namespace kincal {
 namespace {

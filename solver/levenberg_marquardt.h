@@ -41,7 +41,6 @@
 #include <vector>
 
 #include "problem.h"
-#include "reduced_system.h"
 
 namespace kincal {
 

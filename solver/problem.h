@@ -13,14 +13,28 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <exception>
+#include <string>
+#include <utility>
 #include <vector>
-
-#include "kernels.h"
 
 namespace kincal {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+
+/// LinearSolver says how the reduced system of the shared unknowns is solved (reduced_system.h).
+enum class LinearSolver { automatic, dense, sparse, cholmod };
+
+/// A MissingLibrary is thrown where CHOLMOD is needed and cannot be loaded.
+class MissingLibrary : public std::exception {
+ public:
+  explicit MissingLibrary(std::string text) : text_(std::move(text)) {}
+  const char* what() const noexcept override;
+
+ private:
+  std::string text_;
+};
 
 /// chi2 is the sum of squared whitened residuals; `doubled` is twice the minimised cost, that is
 /// with the losses.

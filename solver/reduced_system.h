@@ -11,30 +11,16 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <exception>
 #include <memory>
-#include <string>
-#include <utility>
 #include <vector>
 
+#include "kernels.h"
 #include "problem.h"
 #include "sparse_cholesky.h"
 
 namespace kincal {
 
 class Crew;  // threads.h
-
-enum class LinearSolver { automatic, dense, sparse, cholmod };
-
-/// A MissingLibrary is thrown where CHOLMOD is needed and cannot be loaded.
-class MissingLibrary : public std::exception {
- public:
-  explicit MissingLibrary(std::string text) : text_(std::move(text)) {}
-  const char* what() const noexcept override;
-
- private:
-  std::string text_;
-};
 
 /// GroupKinds says which groups couple less than all that they touch: all groups are those of a
 /// RangeProblem, or `priors` is that of the priors (-1: none), which couple columns of one run

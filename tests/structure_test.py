@@ -1,9 +1,10 @@
 """Who includes whom, and how long things are: python3 structure_test.py SOURCE_DIR [--renew]
 
 Proves, by reading the product's sources: every #include goes where the table below allows it; no two files need each other, straight or
-in a circle; no file of models/ and no function is longer than the table says, and no function takes more parameters than that without
+in a circle; no file of models/, io/ or apps/ and no function is longer than the table says, and no function takes more parameters than that without
 saying why; no two sources of one library have the same name in their anonymous namespaces, which are one where they are compiled as one; no two
-headers define types of one name, which would be one to the linker; a header that is installed includes only headers that are.
+headers define types of one name, which would be one to the linker; what is installed is what the public headers (include/kincal) need and nothing
+else, and each of them needs only components that come with it.
 It tests its own readers first.
 Does not prove: that names are used where they should be (a file that includes nothing can still know too much), nor anything about
 benchmarks and tests. The reader of functions counts braces: the code of a macro, a lambda by itself and a function that a macro begins
@@ -54,7 +55,14 @@ MAY_INCLUDE = {
     "apps/main.cpp": [KINEMATICS, *MODELS, "io/*", "apps", "apps/commands"],
 }
 FOLDERS = ["kinematics", "solver", "models", "io", "apps"]
-MOST_LINES_OF_FILE = 650      # of models/
+# Public header: the folders whose headers it may need. Users of a component get no others.
+PUBLIC = {
+    "solver.h": ["solver"],
+    "extend.h": ["kinematics", "solver", "models"],
+    "kincal.h": ["kinematics", "solver", "models"],
+    "files.h": ["kinematics", "solver", "models", "io"],
+}
+MOST_LINES_OF_FILE = 650      # of models/, io/, apps/
 MOST_LINES_OF_FUNCTION = 100  # from its first line to its closing brace
 MOST_PARAMETERS = 6           # more only if one of the 3 lines above, in the header or in the source, says "parameters because ..."
 REASON = "parameters because"
@@ -271,6 +279,37 @@ def circles(edges):
     return sorted((a, b) for a in edges for b in edges[a] if component[a] == component[b])
 
 
+def includes(path, text):
+    """The files that a source includes; a public header sees the folders below detail/."""
+    names = re.findall(r'^\s*#\s*include\s+"([^"]+)"', text, re.MULTILINE)
+    return [name[len("detail/"):] if name.startswith("detail/") else os.path.normpath(os.path.join(os.path.dirname(path), name)) for name in names]
+
+
+def public_headers(source, files):
+    """Violations of what is installed: CMakeLists.txt (HEADERS) against what the public headers need."""
+    with open(os.path.join(source, "CMakeLists.txt"), encoding="utf-8") as f:
+        installed = set(re.findall(r"(?<=\s)(?:%s)/\S+\.h(?=\s)" % "|".join(FOLDERS), f.read()))
+    if len(installed) < 50:
+        sys.exit(f"CMakeLists.txt: only {len(installed)} headers found that are installed")
+    found, needed = [], {}
+    for name in sorted(os.listdir(os.path.join(source, "include", "kincal"))):
+        path = f"include/kincal/{name}"
+        if name not in PUBLIC:
+            found.append(f"{path}: is no public header of the table")
+            continue
+        with open(os.path.join(source, path), encoding="utf-8") as f:
+            todo = includes(path, f.read())
+        for header in todo:
+            if header.split("/")[0] not in PUBLIC[name]:
+                found.append(f"{path}: needs {header}")
+            if header not in needed:
+                needed[header] = path
+            todo += [other for other in includes(header, files.get(header, "")) if other not in todo]
+    found += [f"{by}: needs {header}, which is not installed (CMakeLists.txt, HEADERS)" for header, by in needed.items() if header not in installed]
+    found += [f"{header}: is installed and no public header needs it (CMakeLists.txt, HEADERS)" for header in installed - set(needed)]
+    return found
+
+
 def violations(source):
     files = {}
     for folder in FOLDERS:
@@ -285,8 +324,7 @@ def violations(source):
     for path, text in sorted(files.items()):
         if room_of(path) not in MAY_INCLUDE:
             found.append(f"{path}: {room_of(path)}/ is no room of the table")
-        for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', text, re.MULTILINE):
-            target = os.path.normpath(os.path.join(os.path.dirname(path), name))
+        for target in includes(path, text):
             if not allowed(path, target):
                 found.append(f"{path}: includes {target}")
             unit, other = os.path.splitext(path)[0], os.path.splitext(target)[0]
@@ -294,7 +332,7 @@ def violations(source):
                 edges.setdefault(unit, set()).add(other)
                 edges.setdefault(other, set())
         lines = text.count("\n")
-        if path.startswith("models/") and lines > MOST_LINES_OF_FILE:
+        if path.startswith(("models/", "io/", "apps/")) and lines > MOST_LINES_OF_FILE:
             found.append(f"{path}: more than {MOST_LINES_OF_FILE} lines")
     found += [f"{a}: in a circle by including {b}" for a, b in circles(edges)]
     owners = {}
@@ -306,15 +344,7 @@ def violations(source):
         paths, another_word = list(meanings), None not in meanings.values() and len(set(meanings.values())) == 1
         if len(paths) > 1 and not another_word:
             found.append(f"{paths[-1]}: {name} in an anonymous namespace is also in {paths[0]}: a unity build has it twice")
-    with open(os.path.join(source, "CMakeLists.txt"), encoding="utf-8") as f:
-        installed = set(re.findall(r"(?<=\s)(?:%s)/\S+\.h(?=\s)" % "|".join(FOLDERS), f.read()))
-    if len(installed) < 50:
-        sys.exit(f"CMakeLists.txt: only {len(installed)} headers found that are installed")
-    for path in sorted(installed & set(files)):
-        for name in re.findall(r'^\s*#\s*include\s+"([^"]+)"', files[path], re.MULTILINE):
-            target = os.path.normpath(os.path.join(os.path.dirname(path), name))
-            if target not in installed:
-                found.append(f"{path}: is installed and includes {target}, which is not (CMakeLists.txt, HEADERS)")
+    found += public_headers(source, files)
     types = {}
     for path, text in sorted(files.items()):
         if path.endswith(".h"):

@@ -1,7 +1,9 @@
 #include "names.h"
 
 #include <algorithm>
+#include <cctype>
 #include <optional>
+#include <set>
 
 namespace kincal {
 namespace {
@@ -113,6 +115,20 @@ size_t common_prefix(const std::string& a, const std::string& b) {
   return n;
 }
 
+std::set<std::string> lower_words(const std::string& name) {
+  std::set<std::string> out;
+  std::string word;
+  for (const char c : name + "/") {
+    if (std::isalnum(static_cast<unsigned char>(c))) {
+      word += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    } else if (!word.empty()) {
+      out.insert(word);
+      word.clear();
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 std::string nearest_names(const std::string& name, const std::vector<std::string>& names) {
@@ -156,6 +172,15 @@ std::string nearest_or_all(const std::string& name, const std::vector<std::strin
 std::string long_name(const std::string& name) {
   return "a name of " + std::to_string(name.size()) + " bytes ('" + name.substr(0, 20) +
          "...'); at most " + std::to_string(kLongestName) + " are expected";
+}
+
+double name_likeness(const std::string& name, const std::string& in) {
+  const std::set<std::string> words = lower_words(name), others = lower_words(in);
+  double found = 0;
+  for (const std::string& word : words) found += others.count(word) ? 1 : 0;
+  if (found > 0 || words.empty())
+    return found / static_cast<double>(std::max<size_t>(1, words.size()));
+  return name.size() > 3 && in.find(name) != std::string::npos ? 1 : 0;
 }
 
 std::string comma_separated(const std::vector<std::string>& names) {

@@ -23,6 +23,10 @@ std::string nearest_names(const std::string& name, const std::vector<std::string
 std::string nearest_or_all(const std::string& name, const std::vector<std::string>& names,
                            const std::string& there_are);
 
+/// Returns the share of the words of a name that are in another one; of one without separators
+/// between its words (headcam) whether it is in it at all.
+double name_likeness(const std::string& name, const std::string& in);
+
 /// Returns all names in their order: "a, b, c".
 std::string comma_separated(const std::vector<std::string>& names);
 

@@ -1,7 +1,6 @@
 #include "topics.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -11,308 +10,20 @@
 #include "../../models/rig/numbers.h"
 #include "../document/names.h"
 #include "../urdf/urdf.h"
+#include "camera_topics.h"
 #include "record_command.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kEnough = 20;        // score that tells by itself what a topic is
-constexpr double kNearLens = 0.02;    // share of the focal length
-constexpr double kSlowReadings = 10;  // Hz
+constexpr double kSlowReadings = 10;                          // Hz
 constexpr double kOriginOfJoint = 1e-4, kAxisOfJoint = 1e-4;  // m and rad; rad
 constexpr size_t kMostJoints = 3;  // missing ones with a line of their own
-
-std::set<std::string> lower_words(const std::string& name) {
-  std::set<std::string> out;
-  std::string word;
-  for (const char c : name + "/") {
-    if (std::isalnum(static_cast<unsigned char>(c))) {
-      word += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-    } else if (!word.empty()) {
-      out.insert(word);
-      word.clear();
-    }
-  }
-  return out;
-}
-
-/// The share of the words of a name that are in another one; of one without separators between its
-/// words (headcam) whether it is in it at all.
-double likeness(const std::string& name, const std::string& in) {
-  const std::set<std::string> words = lower_words(name), others = lower_words(in);
-  double found = 0;
-  for (const std::string& word : words) found += others.count(word) ? 1 : 0;
-  if (found > 0 || words.empty())
-    return found / static_cast<double>(std::max<size_t>(1, words.size()));
-  return name.size() > 3 && in.find(name) != std::string::npos ? 1 : 0;
-}
-
-std::string parent_of(const std::string& topic) {
-  const size_t at = topic.rfind('/');
-  return at == std::string::npos ? "" : topic.substr(0, at);
-}
-
-bool has(const std::string& text, const std::string& part) {
-  return text.find(part) != std::string::npos;
-}
-
-/// A camera of the recording: all image topics of one name space.
-struct RecordedCameraTopics {
-  std::string space;
-  std::vector<int> images;  // streams
-  int info = -1;
-};
-
-bool is_compressed(const ImageStream& image) { return image.type != "sensor_msgs/Image"; }
-
-/// The topic whose pictures an image has, also packed: /a/image_raw of /a/image_raw/compressed.
-std::string picture_topic(const ImageStream& image) {
-  return is_compressed(image) && has(image.topic, "/compressed") ? parent_of(image.topic)
-                                                                 : image.topic;
-}
-
-bool usable_image(const ImageStream& image) {
-  for (const char* other : {"depth", "disparity", "mask", "theora"})
-    if (has(image.topic, other)) return false;
-  return !has(image.encoding, "32FC") && !has(image.encoding, "Depth");
-}
-
-std::vector<RecordedCameraTopics> cameras_of(const RecordedStreams& streams) {
-  std::map<std::string, RecordedCameraTopics> by_space;
-  for (size_t i = 0; i < streams.images.size(); ++i) {
-    if (!usable_image(streams.images[i])) continue;
-    const std::string picture = picture_topic(streams.images[i]), parent = parent_of(picture),
-                      space = parent.empty() ? picture : parent;  // /cam0, /cam1 are two
-    by_space[space].space = space;
-    by_space[space].images.push_back(static_cast<int>(i));
-  }
-  std::vector<RecordedCameraTopics> out;
-  const auto at_root = [](const auto& one) { return parent_of(one.first).empty(); };
-  const bool one_at_root = std::count_if(by_space.begin(), by_space.end(), at_root) == 1;
-  for (auto& [space, camera] : by_space) {
-    for (size_t i = 0; i < streams.infos.size(); ++i) {
-      const std::string parent = parent_of(streams.infos[i].topic);
-      if (parent == space || (parent.empty() && one_at_root && parent_of(space).empty()))
-        camera.info = static_cast<int>(i);
-    }
-    out.push_back(std::move(camera));
-  }
-  return out;
-}
-
-const double* lens_of(const Sensor& camera) {
-  const ParameterBlock* block = find_block(camera, ParameterKind::intrinsics);
-  return block ? block->values.data() : nullptr;
-}
-
-bool is_plain_lens(const Sensor& camera) {
-  const ParameterBlock* block = find_block(camera, ParameterKind::distortion);
-  return !block ||
-         std::all_of(block->values.begin(), block->values.end(), [](double d) { return d == 0; });
-}
-
-bool wants_rectified(const Sensor& camera, const CameraInfoMessage* info) {
-  if (!is_plain_lens(camera) || !info) return false;
-  return std::any_of(info->distortion.begin(), info->distortion.end(),
-                     [](double d) { return d != 0; });
-}
-
-/// Which of a camera's topics a sensor takes: pictures as the lens makes them, not packed.
-int best_image(const RecordedStreams& streams, const RecordedCameraTopics& of, bool rectified) {
-  int best = -1;
-  double most = -1;
-  for (const int i : of.images) {
-    const ImageStream& image = streams.images[static_cast<size_t>(i)];
-    const std::string name = picture_topic(image).substr(of.space.size());
-    double score = has(name, "rect") == rectified ? 100 : 0;
-    score += has(name, "raw") ? 10 : has(name, "mono") ? 8 : has(name, "color") ? 6 : 4;
-    score += is_compressed(image) ? 0 : 1;
-    if (score > most) most = score, best = i;
-  }
-  return best;
-}
-
-/// The finder of cameras' topics.
-struct CameraTopics {
-  const RigFile& rig;
-  const RecordedStreams& streams;
-  TopicMap& out;
-  std::vector<RecordedCameraTopics> cameras = cameras_of(streams);
-  std::vector<char> taken = std::vector<char>(cameras.size(), 0);
-
-  const CameraInfoMessage* info(const RecordedCameraTopics& camera) const {
-    return camera.info < 0 ? nullptr : &streams.infos[static_cast<size_t>(camera.info)];
-  }
-
-  /// Width and height; 0: not known.
-  std::pair<int, int> size(const RecordedCameraTopics& camera) const {
-    const CameraInfoMessage* about = info(camera);
-    const ImageStream& image = streams.images[static_cast<size_t>(camera.images[0])];
-    return {image.width > 0 ? image.width
-            : about         ? about->width
-                            : 0,
-            image.height > 0 ? image.height
-            : about          ? about->height
-                             : 0};
-  }
-
-  bool other_size(const Sensor& sensor, const RecordedCameraTopics& camera) const {
-    const auto [width, height] = size(camera);
-    return sensor.image_width > 0 && width > 0 &&
-           (width != sensor.image_width || height != sensor.image_height);
-  }
-
-  /// The frame that a camera's images say; where it is no link of the robot, that of camera_info.
-  std::string frame_of(const RecordedCameraTopics& camera) const {
-    const CameraInfoMessage* about = info(camera);
-    const ImageStream& image = streams.images[static_cast<size_t>(camera.images[0])];
-    const bool known = rig.rig.tree.find_link(image.frame) >= 0;
-    return known || !about || about->frame.empty() ? image.frame : about->frame;
-  }
-
-  /// What the images are that a sensor was not given.
-  std::string what_is_left(const Sensor& sensor, const std::vector<size_t>& free) const {
-    std::vector<std::string> all;
-    bool any_fits = false;
-    for (const size_t c : free) {
-      const auto [width, height] = size(cameras[c]);
-      const bool fits = !other_size(sensor, cameras[c]);
-      any_fits = any_fits || fits;
-      std::string one = picture_topic(streams.images[static_cast<size_t>(cameras[c].images[0])]);
-      if (!fits) one += " (" + std::to_string(width) + " x " + std::to_string(height) + ")";
-      all.push_back(one);
-    }
-    if (all.empty()) return "no images of it in the recording";
-    if (any_fits)
-      return "which images are its is not clear (" + comma_separated(all) +
-             "): write `topic: ...` into its entry of the rig";
-    return "no images of its image_size, " + std::to_string(sensor.image_width) + " x " +
-           std::to_string(sensor.image_height) + ", in the recording, but " + comma_separated(all) +
-           ": correct image_size and intrinsics in the rig";
-  }
-
-  double score(const Sensor& sensor, const RecordedCameraTopics& camera, std::string& why) const {
-    if (other_size(sensor, camera)) return -1;
-    const CameraInfoMessage* about = info(camera);
-    const std::string frame = frame_of(camera);
-    double out = 0;
-    const auto add = [&](double points, const std::string& reason) {
-      out += points;
-      if (!reason.empty()) why += (why.empty() ? "" : ", ") + reason;
-    };
-    const std::string& link = rig.rig.tree.links[static_cast<size_t>(sensor.link)];
-    if (!frame.empty() && frame == link) add(100, "its frame '" + frame + "'");
-    const double named = likeness(sensor.name, camera.space);
-    if (named > 0) add(40 * named, "its name");
-    const double* lens = lens_of(sensor);
-    if (lens && about && about->k[0] > 0 && std::abs(about->k[0] - lens[0]) < kNearLens * lens[0] &&
-        std::abs(about->k[2] - lens[2]) < kNearLens * lens[0])
-      add(10, "its lens");
-    if (about && about->baseline > 0.001) {
-      const ParameterBlock* baseline = find_block(sensor, ParameterKind::baseline);
-      if (baseline && baseline->values[0] != 0) add(5, "its baseline");
-    }
-    return out;
-  }
-
-  void take(size_t sensor, size_t camera, const std::string& why) {
-    const Sensor& s = rig.rig.sensors[sensor];
-    taken[camera] = 1;
-    const CameraInfoMessage* about = info(cameras[camera]);
-    out.images[sensor] = best_image(streams, cameras[camera], wants_rectified(s, about));
-    out.infos[sensor] = cameras[camera].info;
-    say(sensor, why);
-    const ImageStream& image = streams.images[static_cast<size_t>(out.images[sensor])];
-    if (about && !about->frame.empty() && !image.frame.empty() && about->frame != image.frame)
-      out.notes.push_back("sensor '" + s.name + "': its images (" + image.topic +
-                          ") are of frame '" + image.frame + "', " + about->topic +
-                          " is of frame '" + about->frame +
-                          "': one of them is wrong, perhaps cameras are exchanged");
-  }
-
-  void say(size_t sensor, const std::string& why) {
-    const ImageStream& image = streams.images[static_cast<size_t>(out.images[sensor])];
-    out.lines.push_back("sensor " + rig.rig.sensors[sensor].name + ": " + image.topic + " (" + why +
-                        ")");
-  }
-
-  void given(size_t sensor, const std::string& topic) {
-    for (size_t c = 0; c < cameras.size(); ++c)
-      for (const int i : cameras[c].images) {
-        const ImageStream& image = streams.images[static_cast<size_t>(i)];
-        if (image.topic != topic && picture_topic(image) != topic && cameras[c].space != topic)
-          continue;
-        taken[c] = 1;
-        out.infos[sensor] = cameras[c].info;
-        if (cameras[c].space == topic) {
-          take(sensor, c, "as the rig says");
-        } else {
-          out.images[sensor] = i;
-          say(sensor, "as the rig says");
-        }
-        return;
-      }
-    std::vector<std::string> there;
-    for (const ImageStream& image : streams.images) there.push_back(image.topic);
-    out.notes.push_back("sensor '" + rig.rig.sensors[sensor].name + "': its topic '" + topic +
-                        "' has no images in the recording" +
-                        nearest_or_all(topic, there, "images are on"));
-  }
-
-  /// Sensor and camera with the best score, if no other pair of either has the same.
-  bool take_best(const std::vector<size_t>& open) {
-    double most = kEnough;
-    size_t sensor = 0, camera = 0;
-    std::string reason;
-    int equal = 0;
-    for (const size_t s : open)
-      for (size_t c = 0; c < cameras.size(); ++c) {
-        if (taken[c] || out.images[s] >= 0) continue;
-        std::string why;
-        const double points = score(rig.rig.sensors[s], cameras[c], why);
-        if (points < most) continue;
-        const bool same = points == most && equal > 0;
-        equal = same && (s == sensor || c == camera) ? equal + 1 : same ? equal : 1;
-        if (same) continue;
-        most = points, sensor = s, camera = c, reason = why;
-      }
-    if (equal == 0) return false;
-    if (equal > 1) return false;
-    take(sensor, camera, "guessed by " + reason);
-    return true;
-  }
-
-  void find() {
-    std::vector<size_t> open;
-    for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
-      if (rig.rig.sensors[s].type != "camera") continue;
-      const std::string topic = given_topic(rig, rig.rig.sensors[s].name);
-      if (topic.empty())
-        open.push_back(s);
-      else
-        given(s, topic);
-    }
-    while (take_best(open)) {
-    }
-    std::vector<size_t> left, free;
-    for (const size_t s : open)
-      if (out.images[s] < 0) left.push_back(s);
-    for (size_t c = 0; c < cameras.size(); ++c)
-      if (!taken[c]) free.push_back(c);
-    if (left.size() == 1 && free.size() == 1 &&
-        !other_size(rig.rig.sensors[left[0]], cameras[free[0]]))
-      take(left[0], free[0], "guessed: the only one left");
-    for (const size_t s : left)
-      if (out.images[s] < 0)
-        out.notes.push_back("sensor '" + rig.rig.sensors[s].name +
-                            "': " + what_is_left(rig.rig.sensors[s], free));
-  }
-};
 
 /// How likely a topic has the true state of joints, and not what they should do.
 bool is_command(const std::string& topic) {
   for (const char* word : {"command", "desired", "goal", "target", "reference", "setpoint", "cmd"})
-    if (has(topic, word)) return true;
+    if (topic.find(word) != std::string::npos) return true;
   return false;
 }
 
@@ -481,7 +192,8 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
       std::vector<int> named;
       for (const int i : candidates) {
         const PoseStream& s = streams.poses[static_cast<size_t>(i)];
-        if (s.child == child || likeness(joint.name, s.topic) > 0 || likeness(child, s.topic) > 0)
+        if (s.child == child || name_likeness(joint.name, s.topic) > 0 ||
+            name_likeness(child, s.topic) > 0)
           named.push_back(i);
       }
       if (named.size() == 1) candidates = named, why = "guessed by its name";
@@ -506,9 +218,10 @@ int target_of(const Rig& rig, const PoseStream& stream) {
   int best = -1, equal = 0;
   double most = 0;
   for (size_t t = 0; t < rig.targets.size(); ++t) {
-    const double score = stream.child == rig.targets[t].name
-                             ? 2
-                             : likeness(rig.targets[t].name, stream.topic + "/" + stream.child);
+    const double score =
+        stream.child == rig.targets[t].name
+            ? 2
+            : name_likeness(rig.targets[t].name, stream.topic + "/" + stream.child);
     if (score > most)
       most = score, best = static_cast<int>(t), equal = 1;
     else if (score == most && score > 0)
@@ -531,7 +244,7 @@ void find_pose_sensors(const RigFile& rig, const RecordedStreams& streams, Topic
       const bool robots = rig.rig.tree.find_link(p.child) >= 0;
       if (given.empty() ? p.fixed || joints || robots : p.topic != given) continue;
       candidates.push_back(static_cast<int>(i));
-      if (likeness(sensors[s].name, p.topic + "/" + p.frame) > 0)
+      if (name_likeness(sensors[s].name, p.topic + "/" + p.frame) > 0)
         named.push_back(candidates.back());
     }
     const bool by_name = given.empty() && candidates.size() > 1 && named.size() == 1;
@@ -574,7 +287,7 @@ void find_scans(const RigFile& rig, const RecordedStreams& streams, TopicMap& ou
       const ScanStream& scan = streams.scans[i];
       if (scan.type != type || (!given.empty() && scan.topic != given)) continue;
       candidates.push_back(static_cast<int>(i));
-      if (scan.frame == link || likeness(sensors[s].name, scan.topic) > 0.5)
+      if (scan.frame == link || name_likeness(sensors[s].name, scan.topic) > 0.5)
         named.push_back(candidates.back());
     }
     if (candidates.size() > 1) candidates = named;
@@ -651,61 +364,15 @@ void compare_descriptions(const RigFile& rig, const RecordedStreams& streams, To
   }
 }
 
-void compare_lenses(const RigFile& rig, const RecordedStreams& streams, TopicMap& out) {
-  for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
-    if (out.infos[s] < 0 || out.images[s] < 0) continue;
-    const bool rectified = has(streams.images[static_cast<size_t>(out.images[s])].topic, "rect");
-    const CameraInfoMessage& info = streams.infos[static_cast<size_t>(out.infos[s])];
-    const std::string text = lens_difference(rig.rig.sensors[s], info, rectified);
-    if (!text.empty())
-      out.notes.push_back("sensor '" + rig.rig.sensors[s].name + "': " + info.topic +
-                          " has another lens than the rig: " + text);
-  }
+void append(std::vector<std::string>& to, const std::vector<std::string>& more) {
+  to.insert(to.end(), more.begin(), more.end());
 }
 
 }  // namespace
 
-std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info, bool rectified) {
-  std::string out;
-  char text[160];
-  if (camera.image_width > 0 && info.width > 0 &&
-      (camera.image_width != info.width || camera.image_height != info.height)) {
-    std::snprintf(text, sizeof text, "%d x %d pixels, the rig's image_size is %d x %d", info.width,
-                  info.height, camera.image_width, camera.image_height);
-    out = text;
-  }
-  const double *lens = lens_of(camera), *theirs = rectified ? info.p : info.k;
-  if (lens && theirs[0] > 0) {
-    double most = 0;
-    for (int i = 0; i < 4; ++i) most = std::max(most, std::abs(lens[i] - theirs[i]));
-    if (most > 1e-3 * lens[0]) {
-      std::snprintf(text, sizeof text,
-                    "%sfx fy cx cy are %.6g %.6g %.6g %.6g, the rig's %.6g %.6g %.6g %.6g",
-                    out.empty() ? "" : "; ", theirs[0], theirs[1], theirs[2], theirs[3], lens[0],
-                    lens[1], lens[2], lens[3]);
-      out += text;
-    }
-  }
-  const ParameterBlock* block = find_block(camera, ParameterKind::distortion);
-  const std::vector<double> ours = block ? block->values : std::vector<double>(),
-                            their_distortion = rectified ? std::vector<double>() : info.distortion;
-  double most = 0;
-  for (size_t i = 0; i < std::max(ours.size(), their_distortion.size()); ++i)
-    most = std::max(most, std::abs((i < ours.size() ? ours[i] : 0) -
-                                   (i < their_distortion.size() ? their_distortion[i] : 0)));
-  if (most > 1e-3) {
-    std::snprintf(text, sizeof text, "%sa number of the distortion differs by %.3g",
-                  out.empty() ? "" : "; ", most);
-    out += text;
-  }
-  return out;
-}
-
 TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams) {
   TopicMap out;
   const size_t sensors = rig.rig.sensors.size(), joints = rig.rig.tree.joints.size();
-  out.images.assign(sensors, -1);
-  out.infos.assign(sensors, -1);
   out.scans.assign(sensors, -1);
   out.poses.resize(sensors);
   out.pose_targets.assign(sensors, -1);
@@ -714,11 +381,15 @@ TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams) {
   find_joints(rig, streams, out);
   check_joints(rig, streams, out);
   find_floating(rig, streams, out);
-  CameraTopics{rig, streams, out}.find();
+  const CameraTopics cameras = find_camera_topics(rig, streams);
+  out.images = cameras.images;
+  out.infos = cameras.infos;
+  append(out.lines, cameras.lines);
+  append(out.notes, cameras.notes);
   find_pose_sensors(rig, streams, out);
   find_scans(rig, streams, out);
   compare_descriptions(rig, streams, out);
-  compare_lenses(rig, streams, out);
+  append(out.notes, other_lenses(rig, streams, cameras));
   return out;
 }
 

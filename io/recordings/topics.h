@@ -1,6 +1,7 @@
 // Which topic of a recording is which sensor and joint of the rig. `sensors/NAME/topic` and
 // `joints: {topic: ...}` of rig.yaml say it; what they leave open is guessed from types, names,
-// frames, sizes and lenses, and said. What several topics could be stays open, and is said too.
+// frames, sizes and lenses (camera_topics.h), and said. What several topics could be stays open,
+// and is said too.
 #pragma once
 
 #include <string>
@@ -31,8 +32,5 @@ struct TopicMap {
 
 /// Finds out. @throws InputError where the rig names a topic that is not in the recording
 TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams);
-
-/// Returns how a rig's camera differs from what the recording says of it: "" where it does not.
-std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info, bool rectified);
 
 }  // namespace kincal

@@ -1,5 +1,7 @@
 #include "data_equations.h"
 
+#include "../estimation/estimation.h"
+
 namespace kincal {
 
 DataEquations data_equations(const Linearisation& at) {

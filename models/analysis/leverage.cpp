@@ -5,6 +5,7 @@
 
 #include "../../solver/decompositions.h"
 #include "../../solver/kernels.h"
+#include "../estimation/estimation.h"
 
 namespace kincal {
 

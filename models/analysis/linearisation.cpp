@@ -1,6 +1,13 @@
 #include "linearisation.h"
 
+#include "../estimation/estimation.h"
+
 namespace kincal {
+
+const MatrixXd& Linearisation::reduced_rows(size_t group, MatrixXd& scratch) const {
+  if (group < at->kept_rows.size()) return at->kept_rows[group];
+  return scratch = kincal::reduced_rows(*at->problem, at->state, group);
+}
 
 Linearisation linearise(const Solution& solution) {
   solution.refresh();

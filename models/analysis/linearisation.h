@@ -18,10 +18,7 @@ struct Linearisation {
   const Observability& observability() const { return at->observability; }
   /// Returns the rows of a group after the elimination of its private unknowns: what observe()
   /// kept, else, in `scratch`, the same made again. The problem must be prepared at the state.
-  const MatrixXd& reduced_rows(size_t group, MatrixXd& scratch) const {
-    if (group < at->kept_rows.size()) return at->kept_rows[group];
-    return scratch = kincal::reduced_rows(*at->problem, at->state, group);
-  }
+  const MatrixXd& reduced_rows(size_t group, MatrixXd& scratch) const;
   /// Gives back the memory of these rows.
   void drop_reduced_rows() const { std::vector<MatrixXd>().swap(at->kept_rows); }
 };

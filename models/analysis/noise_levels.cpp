@@ -7,6 +7,7 @@
 #include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
 #include "../../solver/kernels.h"
+#include "../estimation/estimation.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "../../solver/decompositions.h"
+#include "../estimation/estimation.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"

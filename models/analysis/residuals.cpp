@@ -6,6 +6,7 @@
 #include <numeric>
 #include <stdexcept>
 
+#include "../estimation/estimation.h"
 #include "../fitting/fit.h"
 #include "../fitting/free_targets.h"
 #include "../fitting/unknown_poses.h"

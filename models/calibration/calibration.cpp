@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "../estimation/estimation.h"
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "start_poses.h"

@@ -1,10 +1,11 @@
 #include "plan.h"
-
 #include <algorithm>
 #include <iterator>
 #include <map>
 #include <set>
 #include <stdexcept>
+
+#include "../estimation/estimation.h"
 
 namespace kincal {
 namespace {

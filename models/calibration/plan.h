@@ -5,7 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "../estimation/estimation.h"
+#include "../estimation/setup.h"
+#include "../rig/recording.h"
 #include "../rig/selection.h"
 
 namespace kincal {

@@ -1,9 +1,9 @@
 #include "solution.h"
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
+#include "../estimation/estimation.h"
 #include "../rig/numbers.h"
 
 namespace kincal {

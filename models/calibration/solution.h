@@ -9,11 +9,13 @@
 #include <vector>
 
 #include "../../solver/observability.h"
-#include "../estimation/estimation.h"
-#include "../fitting/unknown_poses.h"
+#include "../estimation/setup.h"
+#include "../rig/recording.h"
 #include "../rig/selection.h"
 
 namespace kincal {
+
+class Estimation;
 
 /// A Direction of the parameters has names of components and coefficients, in real units.
 using Direction = std::vector<std::pair<std::string, double>>;

@@ -27,7 +27,6 @@
 #include <vector>
 
 #include "../rig/recording.h"
-#include "data_checks.h"  // find_duplicates()
 #include "diagnosis.h"
 
 namespace kincal {

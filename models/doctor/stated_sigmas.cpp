@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "../../kinematics/floating.h"
+#include "../estimation/estimation.h"
+#include "../evidence/linear_model.h"
 #include "../rig/words.h"
 
 namespace kincal {

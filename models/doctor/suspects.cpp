@@ -7,6 +7,7 @@
 #include <set>
 #include <stdexcept>
 
+#include "../estimation/estimation.h"
 #include "../fitting/starts.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"

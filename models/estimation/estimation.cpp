@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "../../solver/decompositions.h"
+#include "../../solver/kernels.h"
 #include "rows.h"
 
 namespace kincal {

@@ -39,15 +39,6 @@
 
 namespace kincal {
 
-/// ViewResiduals are the residuals of one view at a state.
-struct ViewResiduals {
-  const View* view = nullptr;
-  int sample = -1;
-  VectorXd raw;  // blocks * rows of the sensor's own model, unwhitened
-  VectorXd
-      whitened;  // whitened, without the loss; in mode `point` a chain has 3 a target point here
-};
-
 /// NoiseRows are rows of a group that are one kind of noise: of one part of a view (noise_parts()
 /// of its model), one joint's error, or priors.
 struct NoiseRows {

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "../../solver/aligned.h"
+#include "../../solver/kernels.h"
 #include "../../solver/problem.h"
 #include "../sensors/sensor.h"
 

@@ -8,6 +8,7 @@
 #include <memory>
 #include <vector>
 
+#include "../../solver/kernels.h"
 #include "../rig/recording.h"
 #include "expand.h"
 #include "setup.h"

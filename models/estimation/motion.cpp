@@ -6,6 +6,8 @@
 #include <cstring>
 #include <new>
 
+#include "../../solver/kernels.h"
+
 namespace kincal {
 
 void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scratch) {

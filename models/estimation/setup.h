@@ -1,8 +1,9 @@
-// What is estimated, from which sensors, with which noise: what one minimisation is asked for, and
-// what it finds.
+// What is estimated, from which sensors, with which noise: what one minimisation is asked for,
+// what its start leaves open, and what it finds.
 #pragma once
 
 #include <map>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -11,6 +12,8 @@
 #include "../rig/selection.h"
 
 namespace kincal {
+
+struct View;
 
 struct Prior {
   int parameter, component;
@@ -31,12 +34,27 @@ struct EstimationSetup {
       initial;  // shared values that priors and partly freed poses count from; empty: the rig's
 };
 
+/// An AmbiguousStart is a pair of poses that the data give in several ways, which fit equally well.
+struct AmbiguousStart {
+  std::string first, second;  // names of the parameters
+  double turned = 0;          // rad, the first pose from one solution to the next
+};
+
 /// Values are everything that is estimated: shared parameters (ParameterTable's layout), poses of
 /// free targets by (sample, target), joint errors by (sample, joint).
 struct Values {
   VectorXd shared;
   std::map<std::pair<int, int>, Pose> targets;
   std::map<std::pair<int, int>, double> errors;
+};
+
+/// ViewResiduals are the residuals of one view at a state.
+struct ViewResiduals {
+  const View* view = nullptr;
+  int sample = -1;
+  VectorXd raw;  // blocks * rows of the sensor's own model, unwhitened
+  VectorXd
+      whitened;  // whitened, without the loss; in mode `point` a chain has 3 a target point here
 };
 
 }  // namespace kincal

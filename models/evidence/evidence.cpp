@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "../../kinematics/floating.h"
+#include "../estimation/estimation.h"
 #include "../rig/scales.h"
 #include "linear_model.h"
 

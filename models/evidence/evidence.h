@@ -41,7 +41,6 @@
 
 #include "../analysis/linearisation.h"
 #include "../notices/notice.h"
-#include "linear_model.h"
 
 namespace kincal {
 

@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "../../solver/levenberg_marquardt.h"
+#include "../estimation/estimation.h"
 #include "../rig/numbers.h"
 #include "../rig/targets.h"
 #include "closed_form.h"

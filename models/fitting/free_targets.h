@@ -7,7 +7,8 @@
 #include <optional>
 #include <vector>
 
-#include "../estimation/estimation.h"
+#include "../estimation/setup.h"
+#include "../rig/recording.h"
 #include "view_poses.h"
 
 namespace kincal {

@@ -13,16 +13,11 @@
 #include <string>
 #include <vector>
 
-#include "../estimation/estimation.h"
+#include "../estimation/setup.h"
+#include "../rig/recording.h"
 #include "free_targets.h"
 
 namespace kincal {
-
-/// An AmbiguousStart is a pair of poses that the data give in several ways, which fit equally well.
-struct AmbiguousStart {
-  std::string first, second;  // names of the parameters
-  double turned = 0;          // rad, the first pose from one solution to the next
-};
 
 struct UnknownStarts {
   std::vector<std::string> lost;  // names of poses that could not be found and stay as they were

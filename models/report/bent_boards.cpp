@@ -5,6 +5,7 @@
 #include <map>
 
 #include "../../solver/levenberg_marquardt.h"
+#include "../estimation/estimation.h"
 #include "../rig/geometry.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"

@@ -10,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "../analysis/data_equations.h"
 #include "../analysis/leverage.h"
 #include "../analysis/loops.h"
 #include "../analysis/misfits.h"

@@ -7,9 +7,11 @@
 #include <stdexcept>
 
 #include "../../kinematics/floating.h"
+#include "../analysis/data_equations.h"
 #include "../analysis/linearisation.h"
 #include "../doctor/plausibility.h"
 #include "../doctor/target_mistakes.h"
+#include "../estimation/estimation.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"

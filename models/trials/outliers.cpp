@@ -6,6 +6,7 @@
 
 #include "../../solver/decompositions.h"
 #include "../analysis/noise_levels.h"
+#include "../estimation/estimation.h"
 #include "../fitting/robust.h"
 #include "../rig/numbers.h"
 #include "consensus.h"

@@ -1,8 +1,7 @@
 // kincal inside another program: files in, calibration, geometry out. Usage: embed rig.yaml
 // samples.jsonl
-#include <kincal/io/rig/rig_file.h>
-#include <kincal/io/rig/samples_file.h>
-#include <kincal/models/report/study.h>
+#include <kincal/files.h>
+#include <kincal/kincal.h>
 
 #include <cstdio>
 #include <exception>

@@ -1,8 +1,7 @@
 // The solver alone, without robots: parallel parabolas y = height_k + slope x + bend x^2 through
 // points of three series. The heights are private to their series, slope and bend are shared; all
 // must come out as planted, with dense and with sparse reduced systems.
-#include <kincal/solver/levenberg_marquardt.h>
-#include <kincal/solver/observability.h>
+#include <kincal/solver.h>
 
 #include <cmath>
 #include <cstdio>

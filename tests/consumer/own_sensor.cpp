@@ -2,7 +2,8 @@
 // not its distance. Two of them on the base look at six lamps in the hand of a small arm; the
 // samples are made here, without noise, with kinematics written out by hand. Mounts, joint offsets
 // and a gear must come out as planted, to 1e-6: from rough poses, and from none at all.
-#include <kincal/models/report/study.h>
+#include <kincal/extend.h>
+#include <kincal/kincal.h>
 
 #include <cmath>
 #include <cstdio>

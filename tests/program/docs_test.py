@@ -177,7 +177,7 @@ def check_text(path):
 def check_paths(path, source):
     """Files and folders of the project that a document names between backquotes exist; {a,b} stands for several."""
     for number, line in prose(path):
-        for name in re.findall(r"`((?:kinematics|solver|models|io|apps|tests|scripts|docs)/[\w/.,{}-]*)`", line):
+        for name in re.findall(r"`((?:include|kinematics|solver|models|io|apps|tests|scripts|docs)/[\w/.,{}-]*)`", line):
             choice = re.search(r"\{([^}]*)\}", name)
             for one in [name.replace(choice.group(0), c.strip()) for c in choice.group(1).split(",")] if choice else [name]:
                 if not os.path.exists(os.path.join(source, one)):
@@ -276,7 +276,6 @@ def check_sensor(source, binary):
         return ""
     links = ["-lpthread", "-ldl"]
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
-        os.symlink(os.path.abspath(source), os.path.join(scratch, "kincal"))
         joint = ['#include "quadratic.h"', "int main() {", "  const double own[] = {0.1, 1.02, 0.05};",
                  "  const QuadraticJoint joint;",
                  "  return joint.further().size() == 1 && std::abs(joint.position(joint.reading(0.7, own), own) - 0.7) < 1e-12 ? 0 : 1;", "}"]
@@ -284,7 +283,7 @@ def check_sensor(source, binary):
             with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
         for name in ("main", "check", "joint"):
-            command = [*compiler(values), "-I", scratch, f"{name}.cpp", *libraries, *links, "-o", name]
+            command = [*compiler(values), "-I", os.path.join(build, "include"), f"{name}.cpp", *libraries, *links, "-o", name]
             done = subprocess.run(command, cwd=scratch, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=900)
             if done.returncode:
                 fail(path, f"{name}.cpp does not compile:\n" + done.stdout.decode(errors="replace")[:3000])

@@ -2,7 +2,8 @@
 
 Installs the build into a temporary prefix, then configures, builds and runs the project in tests/consumer (copied away) against
 it with find_package: an embedding of 40 lines and a sensor type of an outside project. Proves that the installed files are
-complete and name nothing of the source or build tree, and (with KINCAL_SLOW, for it takes a minute and a half) that the embedded library gives the same numbers as the installed program,
+complete, with four public headers and what these need, and name nothing of the source or build tree; each public header compiles by
+itself; and (with KINCAL_SLOW, for it takes a minute and a half) that the embedded library gives the same numbers as the installed program,
 and that a sensor of one's own recovers a planted truth. It does not prove that the package works on another system.
 """
 
@@ -49,8 +50,9 @@ def main():
 
         # what is there
         installed = sorted(os.path.relpath(os.path.join(d, f), prefix) for d, _, files in os.walk(prefix) for f in files)
-        for header in ("kinematics/transform.h", "kinematics/tree.h", "models/calibration/calibration.h", "models/rig/rig.h", "models/sensors/sensor.h", "io/rig/rig_file.h", "io/results/results.h", "io/urdf/urdf.h"):
-            check(os.path.join("include", "kincal", header) in installed, "header %s is not installed" % header)
+        headers = [n for n in installed if n.endswith(".h")]
+        public = [n for n in headers if not n.startswith("include/kincal/detail/")]
+        check(public == ["include/kincal/%s.h" % name for name in ("extend", "files", "kincal", "solver")], "public headers: %s" % public)
         check(os.path.join("bin", "kincal") in installed, "the program is not installed")
         check([f for f in installed if f.endswith("kincalConfig.cmake")], "kincalConfig.cmake is not installed")
         check(not [f for f in installed if f.endswith((".cpp", "_test.h"))], "sources are installed: %s" % installed)
@@ -60,21 +62,24 @@ def main():
                     text = f.read()
                 for tree in (source, build):
                     check(tree + "/" not in text and tree + '"' not in text, "%s names %s" % (name, tree))
-        # what headers include is there
-        for name in installed:
-            if name.endswith(".h"):
-                with open(os.path.join(prefix, name), encoding="utf-8") as f:
-                    for included in re.findall(r'^#include "(.*)"', f.read(), re.M):
-                        there = os.path.normpath(os.path.join(os.path.dirname(name), included))
-                        check(there in installed, "%s includes %s, which is not installed" % (name, there))
+        # what headers include is there, and nothing else
+        needed = list(public)
+        for name in needed:
+            with open(os.path.join(prefix, name), encoding="utf-8") as f:
+                for included in re.findall(r'^#include "(.*)"', f.read(), re.M):
+                    there = os.path.normpath(os.path.join(os.path.dirname(name), included))
+                    check(there in installed, "%s includes %s, which is not installed" % (name, there))
+                    needed += [there] if there not in needed else []
+        check(sorted(needed) == headers, "no public header needs %s" % sorted(set(headers) - set(needed)))
         if not os.environ.get("KINCAL_SLOW"):
             print("Files and headers only; what uses them is compiled by scripts/test-all (KINCAL_SLOW).")
             return
 
         # the consumer, away from the source tree
         shutil.copytree(os.path.join(source, "tests", "consumer"), project)
-        with open(os.path.join(project, "every_header.cpp"), "w") as f:
-            f.write("".join("#include <%s>\n" % os.path.relpath(n, "include") for n in reversed(installed) if n.endswith(".h")))
+        for name in public:
+            with open(os.path.join(project, "header_%s.cpp" % os.path.splitext(os.path.basename(name))[0]), "w") as f:
+                f.write("#include <%s>\n" % os.path.relpath(name, "include"))
         run(cmake, "-S", project, "-B", os.path.join(project, "build"), "-G", generator, "-DCMAKE_BUILD_TYPE=Release", "-DCMAKE_PREFIX_PATH=" + prefix, "-DCMAKE_CXX_FLAGS=" + sanitizers,
             "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", "-DCMAKE_FIND_USE_PACKAGE_REGISTRY=OFF")
         with open(os.path.join(project, "build", "CMakeCache.txt")) as f:

@@ -14,6 +14,7 @@
 #include <cmath>
 #include <set>
 
+#include "../../solver/kernels.h"
 #include "../../solver/reduced_system.h"
 #include "../../solver/threads.h"
 #include "../fixtures/random.h"

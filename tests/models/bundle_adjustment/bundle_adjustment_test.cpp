@@ -19,6 +19,7 @@
 #include <set>
 
 #include "../../../models/bundle_adjustment/bundle_adjustment.h"
+#include "../../../solver/kernels.h"
 #include "../../../solver/levenberg_marquardt.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"

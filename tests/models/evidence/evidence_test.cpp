@@ -18,6 +18,7 @@
 #include <map>
 
 #include "../../../models/calibration/calibration.h"
+#include "../../../models/estimation/estimation.h"
 #include "../../../models/rig/targets.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/rigs.h"

@@ -1,0 +1,73 @@
+// kincal in a program of yours: everything but files (files.h), sensors and joint models of your
+// own (extend.h) and the solver by itself (solver.h). It needs the component `models`.
+//
+//   The data           Rig (with Tree, Sensor, Target, Step), Sample, make_recording(); sensors by
+//                      make_camera() ..., joint models by joint_models(); ParameterTable and
+//                      Configuration: what can be estimated, and where everything is.
+//   Calibration        Runs the steps of a rig, and again with other numbers; its Solution.
+//   study()            All that the program `calibrate` does; its Report, with Notice and Verdict.
+//   Automatic          calibrate_automatically(): a rig without steps.
+//   Analyses           linearise() a solution, then residuals(), noise_levels(), explain(),
+//                      leverage(), loops(), misfits(), errors of frames and of held-out samples.
+//   Trials             estimate_noise(), cross_validate(), restarts(),
+//                      calibrate_without_outliers(), calibrate_locally() around a posture.
+//   diagnose()         Looks for mistakes in the input.
+//   simulate()         Samples of a simulated robot.
+//   Others             calibrate_intrinsics(): lenses without a robot. study_fleet(): results of
+//                      many robots. evidence(): which of several models the data prefer.
+#pragma once
+
+// Robots, sensors, targets, samples
+#include "detail/kinematics/floating.h"
+#include "detail/kinematics/transform.h"
+#include "detail/kinematics/tree.h"
+#include "detail/models/joints/joint_models.h"
+#include "detail/models/rig/configuration.h"
+#include "detail/models/rig/folds.h"
+#include "detail/models/rig/parameters.h"
+#include "detail/models/rig/recording.h"
+#include "detail/models/rig/rig.h"
+#include "detail/models/rig/samples.h"
+#include "detail/models/rig/scales.h"
+#include "detail/models/rig/selection.h"
+#include "detail/models/rig/targets.h"
+#include "detail/models/sensors/sensors.h"
+// Calibrations
+#include "detail/models/automatic/automatic.h"
+#include "detail/models/calibration/calibration.h"
+#include "detail/models/calibration/plan.h"
+#include "detail/models/calibration/solution.h"
+// What a solution is worth
+#include "detail/models/analysis/data_equations.h"
+#include "detail/models/analysis/frames.h"
+#include "detail/models/analysis/held_out.h"
+#include "detail/models/analysis/leverage.h"
+#include "detail/models/analysis/linearisation.h"
+#include "detail/models/analysis/loops.h"
+#include "detail/models/analysis/misfits.h"
+#include "detail/models/analysis/noise_levels.h"
+#include "detail/models/analysis/residuals.h"
+#include "detail/models/analysis/trends.h"
+#include "detail/models/analysis/weak_directions.h"
+#include "detail/models/evidence/evidence.h"
+// The same again, changed; mistakes
+#include "detail/models/doctor/diagnosis.h"
+#include "detail/models/doctor/doctor.h"
+#include "detail/models/trials/cross_validation.h"
+#include "detail/models/trials/estimate_noise.h"
+#include "detail/models/trials/local.h"
+#include "detail/models/trials/outliers.h"
+#include "detail/models/trials/restarts.h"
+// Everything in the right order, and its words
+#include "detail/models/notices/notice.h"
+#include "detail/models/report/report.h"
+#include "detail/models/report/requirements.h"
+#include "detail/models/report/study.h"
+#include "detail/models/report/validation.h"
+#include "detail/models/report/verdict.h"
+#include "detail/models/report/warnings.h"
+// Simulation, lenses, fleets
+#include "detail/models/fleet/fleet.h"
+#include "detail/models/intrinsics/intrinsics.h"
+#include "detail/models/simulation/posture.h"
+#include "detail/models/simulation/simulation.h"
