@@ -247,7 +247,7 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
   bool found = false;
   for (Notice& f : findings) {
     if (f.kind != NoticeKind::still_joint || good(now)) continue;
-    context.report(0, 1);
+    context.progress.share(0);
     Rig rig = recording.rig;
     rig.joints[rig.tree.find_joint(f.where[0].name)].sigma = 1;
     const TrialFit unknown =
@@ -489,18 +489,16 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Ended 
 
 }  // namespace
 
-std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options) {
+std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options) try {
   TrialContext context;
   context.noise = options.noise;
   context.threads = options.threads;
   context.progress = options.progress;
   if (options.compare) context.tried = std::make_shared<std::vector<Alternative>>();
-  try {
-    const SharedRecording planned = make_recording(plan_trials(recording, context));
-    return examine(planned, std::move(context), options.ended);
-  } catch (const Cancelled&) {
-    return std::nullopt;
-  }
+  const SharedRecording planned = make_recording(plan_trials(recording, context));
+  return examine(planned, std::move(context), options.ended);
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 }  // namespace kincal

@@ -33,7 +33,7 @@ const AutomaticNumber* sticks_out(const AutomaticCalibration& found, double leas
 
 }  // namespace
 
-bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
+void look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
                              AutomaticOptions options, Report& report) {
   constexpr double kLone = 4, kLeast = 0.003, kAsWell = 1.2, kLessLikely = -1;
   const Solution& solution = report.solution;
@@ -42,7 +42,7 @@ bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
       [](const AutomaticGroup& g) { return !g.held && g.name.rfind("lengths", 0) == 0; });
   const bool lone = report.lone && report.lone->gain > kLessLikely;
   if (lone) sizes.insert(report.lone->sizes.begin(), report.lone->sizes.end());
-  if (sizes.empty() || !lengths || !given.nominal.empty()) return true;
+  if (sizes.empty() || !lengths || !given.nominal.empty()) return;
   options.fix.insert(options.fix.end(), sizes.begin(), sizes.end());
   Rig rig = given;  // with the noise of the result
   for (size_t i = 0; i < rig.sensors.size(); ++i)
@@ -50,14 +50,12 @@ bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
   for (size_t j = 0; j < rig.joints.size(); ++j)
     rig.joints[j].sigma = solution.rig().joints[j].sigma;
   const AutomaticCalibration found =
-      calibrate_automatically(solution.recording->with_rig(std::move(rig)), options);
-  if (found.solution.status == Status::cancelled) return false;
+      uncancelled(calibrate_automatically(solution.recording->with_rig(std::move(rig)), options));
   const double first = solution.chi2_per_dof(), second = found.solution.chi2_per_dof();
   const AutomaticNumber* length =
       lone ? sticks_out(found, scales(ParameterKind::joint_origin, "m").least, kLoneTimes)
            : sticks_out(found, kLeast, kLone);
-  if (found.solution.status != Status::converged || !(second < kAsWell * first) || !length)
-    return true;
+  if (found.solution.status != Status::converged || !(second < kAsWell * first) || !length) return;
   const std::string joint = length->name.substr(6, length->name.find("/origin.") - 6);
   if (!report.diagnosis) report.diagnosis.emplace();
   Notices& findings = report.diagnosis->findings;
@@ -83,7 +81,6 @@ bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
       ++f;
     }
   findings.insert(findings.begin(), std::move(both));
-  return true;
 }
 
 }  // namespace kincal

@@ -16,8 +16,8 @@ namespace kincal {
 
 /// Puts the finding `link-length` first where one length of the arm explains the data as well as
 /// sizes that came out as others, in place of findings about these. `sizes` are those that moved
-/// far; `given` is the rig as the user has it. @return false: cancelled.
-bool look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
+/// far; `given` is the rig as the user has it. @throws Cancelled
+void look_for_a_wrong_length(const Rig& given, std::set<std::string> sizes,
                              AutomaticOptions options, Report& report);
 
 }  // namespace kincal
