@@ -20,7 +20,7 @@
 #include "../io/recordings/topics.h"
 #include "../io/rig/samples_file.h"
 #include "bag_options.h"
-#include "progress.h"
+#include "progress_line.h"
 #include "sibling_main.h"
 #include "signals.h"
 #ifdef KINCAL_SEARCHES_IMAGES
@@ -67,7 +67,7 @@ std::string fields(const std::string& type, const std::string& definition) {
 }
 
 /// Returns whether anything could be read.
-bool list(const std::string& path, Progress& progress) {
+bool list(const std::string& path, ProgressLine& line) {
   std::map<std::string, Stream> streams;
   std::int64_t first = 0, last = 0;
   long messages = 0;
@@ -81,10 +81,8 @@ bool list(const std::string& path, Progress& progress) {
     ++messages;
     return true;
   };
-  const BagContents contents = read_bag(path, visit, [&](std::uint64_t done, std::uint64_t all) {
-    progress.stage("reading " + path, static_cast<double>(done) / static_cast<double>(all));
-  });
-  progress.clear();
+  const BagContents contents = read_bag(path, visit, line.progress().in("reading " + path));
+  line.clear();
   size_t width = 5, type_width = 4;
   for (const auto& topic : contents.topics) {
     Stream& s = streams[topic->name];
@@ -119,10 +117,6 @@ bool list(const std::string& path, Progress& progress) {
   return messages > 0;
 }
 
-double share(std::uint64_t done, std::uint64_t all) {
-  return all > 0 ? static_cast<double>(done) / static_cast<double>(all) : 1;
-}
-
 void say_losses(const std::vector<std::string>& losses) {
   for (const std::string& loss : losses) std::cerr << "kincal: warning: lost: " << loss << "\n";
 }
@@ -132,25 +126,23 @@ void say_notes(const std::vector<std::string>& notes) {
 }
 
 /// Which topic is which sensor of the rig.
-void list_topics(const BagArguments& a, Progress& progress) {
+void list_topics(const BagArguments& a, ProgressLine& line) {
   const RigFile rig = read_rig(a.rig);
-  const RecordedStreams streams = read_streams(a.bags, [&](std::uint64_t done, std::uint64_t all) {
-    progress.stage("reading", share(done, all));
-  });
-  progress.clear();
+  const RecordedStreams streams = read_streams(a.bags, line.progress().in("reading"));
+  line.clear();
   const TopicMap topics = find_topics(rig, streams);
   std::cout << "for " << a.rig << ":\n";
-  for (const std::string& line : topics.lines) std::cout << "  " << line << "\n";
+  for (const std::string& said : topics.lines) std::cout << "  " << said << "\n";
   for (const std::string& note : streams.notes) std::cout << "  NOTE: " << note << "\n";
   for (const std::string& note : topics.notes) std::cout << "  NOTE: " << note << "\n";
 }
 
 int list_all(const BagArguments& a) {
-  Progress progress(a.quiet);
+  ProgressLine line(a.quiet);
   bool any = false;
-  for (const std::string& bag : a.bags) any = list(bag, progress) || any;
+  for (const std::string& bag : a.bags) any = list(bag, line) || any;
   if (!any) throw InputError(comma_separated(a.bags) + ": no messages that could be read");
-  if (!a.rig.empty()) list_topics(a, progress);
+  if (!a.rig.empty()) list_topics(a, line);
   return kConverged;
 }
 
@@ -190,12 +182,11 @@ int write_samples(const BagArguments& a, const Rig& rig, const std::vector<Sampl
 }
 
 /// Samples of messages that have all of a posture.
-int import_measurements(const BagArguments& a, const RigFile& rig, Progress& progress) {
+int import_measurements(const BagArguments& a, const RigFile& rig, ProgressLine& line) {
   std::vector<std::string> losses;
-  const ImportedSamples found = read_robot_measurements(
-      a.bags, rig, losses,
-      [&](std::uint64_t done, std::uint64_t all) { progress.stage("reading", share(done, all)); });
-  progress.clear();
+  const ImportedSamples found =
+      read_robot_measurements(a.bags, rig, losses, line.progress().in("reading"));
+  line.clear();
   say_losses(losses);
   say_notes(found.notes);
   return write_samples(a, rig.rig, found.samples);
@@ -208,11 +199,9 @@ int import_all(const BagArguments& a) {
                      " --rig rig.yaml --out samples.jsonl (or --list, to see what it has)");
   check_output_file(a.out, a.force);
   const RigFile rig = read_rig(a.rig);
-  Progress progress(a.quiet);
-  RecordedStreams streams = read_streams(a.bags, [&](std::uint64_t done, std::uint64_t all) {
-    progress.stage("reading", share(done, all));
-  });
-  if (streams.robot_measurements > 0) return import_measurements(a, rig, progress);
+  ProgressLine line(a.quiet);
+  RecordedStreams streams = read_streams(a.bags, line.progress().in("reading"));
+  if (streams.robot_measurements > 0) return import_measurements(a, rig, line);
   ImportOptions options;
   const SettlingArguments& settling = a.settling;
   options.rest = settling.rest;
@@ -228,18 +217,18 @@ int import_all(const BagArguments& a) {
   options.out = a.out;
   options.image_folder = a.out + ".images";
   options.force = a.force;
-  options.stage = [&](const std::string& what, double done) { progress.stage(what, done); };
+  options.progress = line.progress();
 #ifdef KINCAL_SEARCHES_IMAGES
   const TargetSearch search = image_search(rig);
   const RecordedSamples found = import_recordings(a.bags, rig, streams, &search, options);
 #else
   const RecordedSamples found = import_recordings(a.bags, rig, streams, nullptr, options);
 #endif
-  progress.clear();
+  line.clear();
   say_losses(streams.losses);
   say_notes(streams.notes);
   say_notes(found.notes);
-  for (const std::string& line : found.lines) std::cout << line << "\n";
+  for (const std::string& said : found.lines) std::cout << said << "\n";
   for (const TimeOffset& one : found.offsets)
     std::cout << offset_line(rig.rig, one, settling.apply_offsets) << "\n";
   if (found.samples.empty())

@@ -10,7 +10,7 @@
 #include "../io/images/fill.h"
 #include "detect_options.h"
 #include "image_main.h"
-#include "progress.h"
+#include "progress_line.h"
 #include "signals.h"
 
 namespace {
@@ -52,14 +52,14 @@ int detect_all(const DetectArguments& a) {
   options.threads = a.threads > 0
                         ? a.threads
                         : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-  Progress progress(a.quiet);
-  options.progress = [&](double share) { progress.stage("looking at images", share); };
+  ProgressLine line(a.quiet);
+  options.progress = line.progress().in("looking at images");
   if (holds_samples(a.input) && (!a.sensor.empty() || !a.joints.empty()))
     throw InputError("--sensor and --joints are for images without samples; " + a.input +
                      " has both in it");
   const Filled filled = holds_samples(a.input) ? fill_samples(rig, a.input, options)
                                                : fill_images(rig, image_files(a.input), options);
-  progress.clear();
+  line.clear();
   say(a, filled);
   if (filled.samples == 0) throw InputError("nothing was found, nothing is written");
   begin_writing();

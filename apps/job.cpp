@@ -133,16 +133,15 @@ std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
 }
 
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
-                                  Progress& progress) {
-  const std::string what = "reading " + path;
-  progress.stage(what, 0);
-  std::vector<Sample> samples =
-      parse_samples(text, path, rig, [&](double share) { progress.stage(what, share); });
-  progress.stage(what, 1);
+                                  ProgressLine& line) {
+  const Progress reading = line.progress().in("reading " + path);
+  reading.share(0);
+  std::vector<Sample> samples = parse_samples(text, path, rig, reading);
+  reading.share(1);
   return samples;
 }
 
-Job read_job(const std::string& rig, const std::string& samples, int holdout, Progress& progress) {
+Job read_job(const std::string& rig, const std::string& samples, int holdout, ProgressLine& line) {
   now("reading " + rig);
   RigFile rig_file = read_rig(rig_path(rig));
   now("reading " + samples);
@@ -156,7 +155,7 @@ Job read_job(const std::string& rig, const std::string& samples, int holdout, Pr
            "counts twice";
   }
   std::shared_ptr<const Recording> recording =
-      checked_recording(rig_file, parse_samples(text, samples, rig_file.rig, progress), samples);
+      checked_recording(rig_file, parse_samples(text, samples, rig_file.rig, line), samples);
   if (recording->training().empty())
     throw InputError(samples +
                      ": every sample has \"split\": \"test\": nothing is left to calibrate with");
@@ -272,19 +271,16 @@ void check_groups(const Rig& rig, const CalibrateSettings& settings) {
                    (with ? "--free frees" : "--fix holds") + " more of them)");
 }
 
-Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress& progress) {
+Report run(Job& job, const CalibrateSettings& settings, bool diagnose, ProgressLine& line) {
   check_validation(job, settings);
   StudyOptions options;
   options.calibration = options_of(settings);
   now("calibrating");
-  options.calibration.progress = [&](const std::string& step, int iteration, double chi2, double) {
-    now("calibrating, step '" + step + "'");
-    progress.iteration(step, iteration, chi2);
+  options.calibration.progress = Progress([&](const Progress::News& news) {
+    if (news.iteration >= 0) now("calibrating, step '" + news.what + "'");
+    line.tell(news);
     return true;
-  };
-  options.calibration.stage = [&](const std::string& what, double share) {
-    progress.stage(what, share);
-  };
+  });
   options.groups = {settings.groups, settings.no_groups};
   options.reject = settings.reject;
   options.estimate_noise = settings.estimate_noise;

@@ -11,7 +11,7 @@
 #include "../io/results/results.h"
 #include "../io/rig/rig_file.h"
 #include "../models/report/study.h"
-#include "progress.h"
+#include "progress_line.h"
 #include "signals.h"
 
 namespace CLI {
@@ -68,11 +68,11 @@ std::shared_ptr<const Recording> checked_recording(const RigFile& rig_file,
                                                    const std::string& samples_path);
 /// Reads samples, and shows how far that is.
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
-                                  Progress& progress);
+                                  ProgressLine& line);
 
 /// Reads and checks a rig and its samples. `holdout` is a number of folds, of which one is held out
 /// from the fit besides the samples that are so already; 0: none. @throws InputError
-Job read_job(const std::string& rig, const std::string& samples, int holdout, Progress& progress);
+Job read_job(const std::string& rig, const std::string& samples, int holdout, ProgressLine& line);
 
 /// Returns the error for the user: the unknown parameter name with the nearest ones that exist.
 InputError with_nearest(const NameError& error);
@@ -100,7 +100,7 @@ void check_groups(const Rig& rig, const CalibrateSettings& settings);
 /// Runs the study of a job (models/report/study.h). A rig without steps has the steps found from
 /// then on. With `diagnose`, mistakes are looked for if it ends badly. @throws InputError,
 /// std::exception
-Report run(Job& job, const CalibrateSettings& settings, bool diagnose, Progress& progress);
+Report run(Job& job, const CalibrateSettings& settings, bool diagnose, ProgressLine& line);
 
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings);
 

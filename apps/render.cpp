@@ -8,7 +8,7 @@
 #include "../io/images/render_samples.h"
 #include "../io/recordings/simulated_bag.h"
 #include "image_main.h"
-#include "progress.h"
+#include "progress_line.h"
 #include "render_options.h"
 #include "signals.h"
 
@@ -40,13 +40,13 @@ int record_bag(const Arguments& a) {
   options.seed = a.seed;
   options.force = a.force;
   options.threads = threads_of(a);
-  Progress progress(a.quiet);
-  options.progress = [&](double share) { progress.stage("recording", share); };
+  ProgressLine line(a.quiet);
+  options.progress = line.progress().in("recording");
   options.go_on = not_interrupted;
   const RigFile rig = read_rig(a.rig);
   begin_writing();
   const RecordedBag bag = render_bag(rig, a.samples, a.truth, a.bag, options);
-  progress.clear();
+  line.clear();
   if (!bag.written) return say_interrupted();
   const std::string scans = bag.scans > 0 ? std::to_string(bag.scans) + " scans, " : "";
   std::printf("%s%d images and %d readings of the joints in %.1f s\nWritten to %s\n", scans.c_str(),
@@ -61,10 +61,10 @@ int render_all(const Arguments& a) {
   options.seed = a.seed;
   options.force = a.force;
   options.threads = threads_of(a);
-  Progress progress(a.quiet);
-  options.progress = [&](double share) { progress.stage("taking pictures", share); };
+  ProgressLine line(a.quiet);
+  options.progress = line.progress().in("taking pictures");
   const int count = render_samples(rig, a.samples, a.truth, options);
-  progress.clear();
+  line.clear();
   std::cout << count << " pictures\n";
   return kConverged;
 }

@@ -300,12 +300,13 @@ void compare_noise(const std::string& folder, const Settings& settings, json& re
       CalibrationOptions options;
       options.noise = mode;
       double before = 0;
-      options.progress = [&](const std::string& step, int iteration, double, double) {
+      options.progress = Progress([&](const Progress::News& news) {
         const double now = cpu_seconds();
-        if (step == last && iteration > 1) seconds[mode == NoiseMode::none].push_back(now - before);
+        if (news.what == last && news.iteration > 1)
+          seconds[mode == NoiseMode::none].push_back(now - before);
         before = now;
         return true;
-      };
+      });
       calibrate(recording, options);
     }
   const double latent = quantile(seconds[0], 0.5), none = quantile(seconds[1], 0.5);

@@ -179,11 +179,11 @@ void iteration(benchmark::State& bench) {
   double times[2] = {0, 0};
   SolverOptions options;
   options.max_iterations = 3;
-  options.progress = [&](int i, double, double) {
-    if (i == 1) times[0] = cpu_seconds();
-    if (i == 3) times[1] = cpu_seconds();
+  options.progress = Progress([&](const Progress::News& news) {
+    if (news.iteration == 1) times[0] = cpu_seconds();
+    if (news.iteration == 3) times[1] = cpu_seconds();
     return true;
-  };
+  });
   LevenbergMarquardt lm(s.estimation, options);
   VectorXd state;
   for (auto _ : bench) {

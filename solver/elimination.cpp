@@ -579,7 +579,7 @@ void Arrowhead::bend_shared(int k) {
   }
 }
 
-bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()>& go_on) {
+bool Arrowhead::find_curvature(const VectorXd& state, const std::function<void()>& before_each) {
   curved = false;
   if (!bends()) return false;
   Cost cost;
@@ -604,7 +604,8 @@ bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()
       const int place = stores[g].private_start + k;
       if (k < groups[g].private_size) private_step(place) = private_move(place);
     }
-    if (!go_on() || !linearise_beside(state)) return false;
+    before_each();
+    if (!linearise_beside(state)) return false;
     for (size_t g = 0; g < groups.size(); ++g) bend_private(g, k);
   }
   private_step.setZero();
@@ -612,7 +613,8 @@ bool Arrowhead::find_curvature(const VectorXd& state, const std::function<bool()
     if (shared_move(k) == 0) continue;
     shared_step.setZero();
     shared_step(k) = shared_move(k);
-    if (!go_on() || !linearise_beside(state)) return false;
+    before_each();
+    if (!linearise_beside(state)) return false;
     bend_shared(k);
   }
   return curved = true;

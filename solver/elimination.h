@@ -95,9 +95,9 @@ class Arrowhead {
   /// which assemble() adds to what it linearises from then on, until forget_curvature(). It takes
   /// as many linearisations as the widest group has private unknowns and the problem shared ones;
   /// the first time it allocates. Returns false, and there is none, for range problems and sparse
-  /// systems, where a residual is undefined close by, and where `go_on`, asked before each
-  /// linearisation, says no.
-  bool find_curvature(const VectorXd& state, const std::function<bool()>& go_on);
+  /// systems, and where a residual is undefined close by. `before_each` linearisation is called and
+  /// may throw: then there is none, too.
+  bool find_curvature(const VectorXd& state, const std::function<void()>& before_each);
   /// Returns whether second derivatives can be looked for.
   bool bends() const { return !ranges && system.dense(); }
   void forget_curvature() { curved = false; }

@@ -52,12 +52,6 @@ struct LevenbergMarquardt::Workspace {
 
   Workspace(Problem& problem, SolverOptions o)
       : options(std::move(o)), arrowhead(problem, options.linear_solver, options.threads) {
-    go_on = [this] {
-      cancelled =
-          options.progress && !options.progress(summary.iterations, summary.history.back().first,
-                                                summary.history.back().second);
-      return !cancelled;
-    };
     if (arrowhead.ranges) return;
     for (auto* vectors : {&found, &taken})  // (not filled: solve() allocates nothing, and most
       for (VectorXd& v : *vectors)          // of them are never used)
@@ -204,12 +198,16 @@ struct LevenbergMarquardt::Workspace {
   int first_patience() const {
     return std::max(kPatience, (arrowhead.n + arrowhead.deepest) / kPatienceShare);
   }
+  void tell() const {
+    const auto& [chi2, damping] = summary.history.back();
+    options.progress.iteration(summary.iterations, chi2, damping);
+  }
   /// Second derivatives are looked for where undamped steps go on and on near the minimum. Each
   /// time has to wait twice as long.
   void find_curvature(const VectorXd& state) {
     if (wait-- > 0 || !arrowhead.bends()) return;
     linearised = Linearised::nowhere;
-    if (!arrowhead.find_curvature(state, go_on)) return;
+    if (!arrowhead.find_curvature(state, [this] { tell(); })) return;
     wait = patience *= 2;
     forget();
   }
@@ -262,6 +260,9 @@ struct LevenbergMarquardt::Workspace {
     return stalled >= kStalled && decrement * decrement <= rounding(doubled);
   }
 
+  /// LevenbergMarquardt::solve(). @throws Cancelled
+  void solve(VectorXd& state);
+
   /// Where the normal equations are that the arrowhead holds: at the present state, at the end of
   /// the step that was accepted, or elsewhere.
   enum class Linearised { here, moved, nowhere };
@@ -274,10 +275,8 @@ struct LevenbergMarquardt::Workspace {
   bool hopeful = true;      // the last first trial was accepted
   bool first_trial = true;  // of this iteration
   SolveSummary summary;
-  std::function<bool()> go_on;  // asks in between
-  bool cancelled = false;       // what it said
-  double best = kInfinity;      // decrement that later ones must halve
-  int stalled = 0;              // iterations since
+  double best = kInfinity;  // decrement that later ones must halve
+  int stalled = 0;          // iterations since
   double converged = kConverged * std::max(1.0, 0.1 * std::sqrt(arrowhead.problem.groups().size()));
   int patience = kPatience, wait = kPatience;
   /// Undamped steps and steps that were taken instead, `remembered` of them; of the first the
@@ -292,88 +291,84 @@ LevenbergMarquardt::~LevenbergMarquardt() = default;
 const char* LevenbergMarquardt::linear_solver() const { return w_->arrowhead.system.name(); }
 
 const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
-  Workspace& w = *w_;
-  Problem& problem = w.arrowhead.problem;
-  SolveSummary& summary = w.summary;
+  try {
+    w_->solve(state);
+  } catch (const Cancelled&) {
+    w_->summary.outcome = Outcome::cancelled;
+  }
+  return w_->summary;
+}
+
+void LevenbergMarquardt::Workspace::solve(VectorXd& state) {
+  Problem& problem = arrowhead.problem;
   summary.outcome = Outcome::not_converged;
   summary.iterations = 0;
   summary.cost = {};
   summary.undefined_group = -1;
   summary.history.clear();
-  summary.history.reserve(w.options.max_iterations + 1);
-  w.renewable = problem.renew(state);
-  w.linearised = Workspace::Linearised::nowhere;
-  w.hopeful = true;
+  summary.history.reserve(options.max_iterations + 1);
+  renewable = problem.renew(state);
+  linearised = Linearised::nowhere;
+  hopeful = true;
   double lambda = 1e-4;
   bool near = false;  // to the minimum: undamped steps come first, covariances are fresh
-  w.best = kInfinity;
-  w.stalled = w.remembered = 0;
-  w.patience = w.wait = w.first_patience();
-  w.cancelled = false;
-  w.arrowhead.forget_curvature();
-  w.moved.resize(state.size());
-  using Assembly = Workspace::Assembly;
+  best = kInfinity;
+  stalled = remembered = 0;
+  patience = wait = first_patience();
+  arrowhead.forget_curvature();
+  moved.resize(state.size());
   for (bool first = true;; first = false) {
-    if (near && w.options.second_derivatives) w.find_curvature(state);
-    if (w.cancelled) {
-      summary.outcome = Outcome::cancelled;
-      return summary;
-    }
-    const Assembly assembly = w.assemble(state, near ? kNegligible : lambda, first);
-    w.first_trial = true;
+    if (near && options.second_derivatives) find_curvature(state);
+    const Assembly assembly = assemble(state, near ? kNegligible : lambda, first);
+    first_trial = true;
     if (assembly == Assembly::undefined) {  // trial states were evaluated before: only the start
                                             // can be undefined
       summary.outcome = Outcome::undefined_start;
       summary.undefined_group = worst_group(problem, state);
-      return summary;
+      return;
     }
     if (first) summary.history.push_back({summary.cost.chi2, lambda});
     const double doubled = summary.cost.doubled;
-    if (doubled <= 1e-18 * w.arrowhead.rows) {
+    if (doubled <= 1e-18 * arrowhead.rows) {
       summary.outcome = Outcome::converged;
-      return summary;
+      return;
     }
-    if (summary.iterations >= w.options.max_iterations) return summary;
+    if (summary.iterations >= options.max_iterations) return;
     const bool fine = assembly == Assembly::fine;
-    Workspace::Trial trial;
-    bool found = near && fine && w.try_newton(state, doubled, trial);
-    if (!found && w.arrowhead.has_curvature())
-      found = w.try_without_curvature(state, doubled, trial);
-    if (!found) {
+    Trial trial;
+    bool accepted = near && fine && try_newton(state, doubled, trial);
+    if (!accepted && arrowhead.has_curvature())
+      accepted = try_without_curvature(state, doubled, trial);
+    if (!accepted) {
       if (near && lambda <= kNegligible) lambda = 1e-6;
-      found = w.find_step(state, doubled, fine && !near, lambda, trial);
+      accepted = find_step(state, doubled, fine && !near, lambda, trial);
     }
-    const bool stationary = near && w.options.stop && w.stationary(trial.decrement, doubled);
-    if (!found) {
-      if (stationary) summary.outcome = Outcome::converged;
-      return summary;
+    const bool at_rest = near && options.stop && stationary(trial.decrement, doubled);
+    if (!accepted) {
+      if (at_rest) summary.outcome = Outcome::converged;
+      return;
     }
-    if (trial.decrement < kInfinity && !w.arrowhead.ranges)
-      w.remember_taken();
+    if (trial.decrement < kInfinity && !arrowhead.ranges)
+      remember_taken();
     else
-      w.remembered = 0;
-    lambda = w.next_damping(lambda, doubled, trial);
-    std::swap(state, w.moved);
-    w.linearised = w.linearised == Workspace::Linearised::moved ? Workspace::Linearised::here
-                                                                : Workspace::Linearised::nowhere;
-    const bool little = w.options.relative_decrease > 0 &&
-                        doubled - trial.cost.doubled <= w.options.relative_decrease * doubled;
+      remembered = 0;
+    lambda = next_damping(lambda, doubled, trial);
+    std::swap(state, moved);
+    linearised = linearised == Linearised::moved ? Linearised::here : Linearised::nowhere;
+    const bool little = options.relative_decrease > 0 &&
+                        doubled - trial.cost.doubled <= options.relative_decrease * doubled;
     summary.cost = trial.cost;
     ++summary.iterations;
     summary.history.push_back({trial.cost.chi2, trial.damping});
-    if (w.options.progress &&
-        !w.options.progress(summary.iterations, trial.cost.chi2, trial.damping)) {
-      summary.outcome = Outcome::cancelled;
-      return summary;
-    }
-    if (little || stationary) {
+    tell();
+    if (little || at_rest) {
       summary.outcome = Outcome::converged;
-      return summary;
+      return;
     }
     const bool was_near = near;
-    near = w.is_near(trial, doubled);
+    near = is_near(trial, doubled);
     if (near && !was_near) lambda = kNegligible;
-    if (near && w.renewable) problem.renew(state);
+    if (near && renewable) problem.renew(state);
   }
 }
 

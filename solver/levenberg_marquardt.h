@@ -34,13 +34,12 @@
 // totals: the result is the same to the last bit for any number of threads.
 #pragma once
 
-#include <functional>
 #include <memory>
-#include <string>
 #include <utility>
 #include <vector>
 
 #include "problem.h"
+#include "progress.h"
 
 namespace kincal {
 
@@ -57,9 +56,9 @@ struct SolverOptions {
   /// False: second derivatives are never looked for, for comparisons.
   bool second_derivatives = true;
   bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons
-  /// It is called after each iteration with its number, chi2 and damping, and with the same again
-  /// between the linearisations that second derivatives take; false cancels.
-  std::function<bool(int, double, double)> progress;
+  /// It is told of each iteration, and of the same again between the linearisations that second
+  /// derivatives take.
+  Progress progress;
 };
 
 struct SolveSummary {
@@ -71,6 +70,12 @@ struct SolveSummary {
   int undefined_group = -1;  // of an undefined start: its first such group, or the costliest
 };
 
+/// Passes a summary on that is not of a cancelled solve. @throws Cancelled
+inline const SolveSummary& uncancelled(const SolveSummary& summary) {
+  if (summary.outcome == Outcome::cancelled) throw Cancelled();
+  return summary;
+}
+
 class LevenbergMarquardt {
  public:
   /// Analyses the structure and allocates all workspace. The problem must outlive the solver.
@@ -80,7 +85,7 @@ class LevenbergMarquardt {
 
   /// Minimises from `state`, in place. After the first call it allocates nothing (dense systems,
   /// problems that allocate nothing), but where it first looks for second derivatives; the summary
-  /// is the solver's own and holds until the next call.
+  /// is the solver's own and holds until the next call. Cancelled: `state` is the last iteration's.
   const SolveSummary& solve(VectorXd& state);
 
   /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and

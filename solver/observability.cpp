@@ -39,7 +39,7 @@ struct Remainder {
 /// The remainders of all groups, stacked and compressed whenever the stack is full. Counts rows and
 /// private rank.
 Remainder remainder_of(const Problem& problem, const VectorXd& state, Observability& out,
-                       std::vector<MatrixXd>* kept, const std::function<void(double)>& progress) {
+                       std::vector<MatrixXd>* kept, const Progress& progress) {
   const int n = problem.shared_size();
   Remainder to;
   to.priors.setZero(0, n);
@@ -60,8 +60,8 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
   };
   for (size_t g = 0; g < problem.groups().size(); ++g) {
     const GroupShape& shape = problem.groups()[g];
-    if (progress && g % kGroupsTold == 0)
-      progress(static_cast<double>(g) / static_cast<double>(problem.groups().size()));
+    if (g % kGroupsTold == 0)
+      progress.share(static_cast<double>(g), static_cast<double>(problem.groups().size()));
     problem.square_root(static_cast<int>(g), state, 0, rows);
     const int k = shape.private_size, m = static_cast<int>(shape.columns.size());
     out.rows += shape.rows;
@@ -84,7 +84,7 @@ Remainder remainder_of(const Problem& problem, const VectorXd& state, Observabil
     }
     keep(left);
   }
-  if (progress) progress(1);
+  progress.share(1);
   compress();
   to.data = stack.topRows(std::max<Eigen::Index>(used, 1));
   if (used == 0) to.data.setZero();
@@ -225,7 +225,7 @@ MatrixXd reduced_rows(const Problem& problem, const VectorXd& state, size_t grou
 }
 
 Observability observe(Problem& problem, const VectorXd& state, std::vector<MatrixXd>* kept,
-                      const std::function<void(double)>& progress) {
+                      const Progress& progress) {
   const int n = problem.shared_size();
   Observability out;
   problem.prepare(state);

@@ -27,11 +27,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
 #include <utility>
 #include <vector>
 
 #include "problem.h"
+#include "progress.h"
 
 namespace kincal {
 
@@ -72,11 +72,10 @@ struct Observability {
 /// Computes all this at a solution, with covariances as they were last renewed. It allocates.
 /// `kept` gets for the groups, in their order, [J_touched r] after the elimination of its private
 /// unknowns: a few rows whose Gram matrices sum up to that of the reduced system. It gets them as
-/// long as they take less than 32 MB; reduced_rows() makes those of other groups again. `progress`
-/// is told which share is done.
+/// long as they take less than 32 MB; reduced_rows() makes those of other groups again.
+/// @throws Cancelled
 Observability observe(Problem& problem, const VectorXd& state,
-                      std::vector<MatrixXd>* kept = nullptr,
-                      const std::function<void(double)>& progress = nullptr);
+                      std::vector<MatrixXd>* kept = nullptr, const Progress& progress = {});
 
 /// Computes these rows of one group of a problem that was prepared at `state`: the same numbers.
 MatrixXd reduced_rows(const Problem& problem, const VectorXd& state, size_t group);

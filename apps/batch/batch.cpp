@@ -47,7 +47,7 @@ std::string lacks(const Set& set, const std::string& option, const std::string& 
       CalibrateSettings of_groups;
       (option == "--group" ? of_groups.groups : of_groups.no_groups) = {value};
       check_groups(rig, of_groups);
-      Progress silent(true);
+      ProgressLine silent(true);
       automatic_groups(read_job(set.rig, set.samples, 0, silent), of_groups);
       return "";
     } catch (const InputError& error) {

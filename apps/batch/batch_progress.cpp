@@ -4,7 +4,7 @@
 
 #include <cstdio>
 
-#include "../progress.h"
+#include "../progress_line.h"
 #include "../signals.h"
 #include "sets.h"
 

@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 int calibrate_set(const Set& set, const Output& output, const CalibrateSettings& settings) {
   const Clock::time_point start = Clock::now();
   try {
-    Progress silent(true);
+    ProgressLine silent(true);
     Job job = read_job(set.rig, set.samples, settings.holdout, silent);
     const Report report = run(job, settings, true, silent);
     if (report.solution.status == Status::undefined_start) {

@@ -43,9 +43,9 @@ int calibrate(const CalibrateArguments& a) {
     say_cleared(clear_leftovers(a.out));
     check_output(a.out, a.force);
   }
-  Progress progress(a.quiet || a.json);
-  Job job = read_job(a.rig, a.samples, a.settings.holdout, progress);
-  progress.clear();
+  ProgressLine line(a.quiet || a.json);
+  Job job = read_job(a.rig, a.samples, a.settings.holdout, line);
+  line.clear();
   for (const std::string& warning : job.rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (!job.note.empty() && !a.quiet) std::fprintf(stderr, "kincal: %s\n", job.note.c_str());
@@ -60,14 +60,14 @@ int calibrate(const CalibrateArguments& a) {
     std::cout << plan_table(plan(job, a.settings), job.recording->table);
     return kConverged;
   }
-  const Report report = run(job, a.settings, true, progress);
+  const Report report = run(job, a.settings, true, line);
   if (report.solution.status == Status::undefined_start)
     throw std::runtime_error(no_start_text(report.solution.message, report.diagnosis));
-  progress.stage("writing", std::nan(""));
+  line.stage("writing", std::nan(""));
   const ResultFiles files = make_files(job, report, a.settings);
   begin_writing();
   if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
-  progress.clear();
+  line.clear();
   if (a.json)
     std::cout << files.result_json;
   else if (!a.quiet)

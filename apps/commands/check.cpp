@@ -57,9 +57,9 @@ int check(const CheckArguments& a) {
   for (const std::string& warning : rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   now("reading " + a.samples);
-  Progress progress(a.quiet || a.json);
+  ProgressLine line(a.quiet || a.json);
   const std::string text = read_file(a.samples);
-  std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
+  std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, line);
   for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
   const std::shared_ptr<const Recording> recording =
       checked_recording(rig_file, samples, a.samples);
@@ -67,11 +67,7 @@ int check(const CheckArguments& a) {
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;
   options.compare = a.compare;
-  options.progress = [&](int done, int of) {
-    if (done >= 0 && of > 0)
-      progress.stage("testing hypotheses", static_cast<double>(done) / static_cast<double>(of));
-    return true;
-  };
+  options.progress = line.progress().in("testing hypotheses");
   now("checking");
   std::optional<Diagnosis> diagnosis;
   try {
@@ -82,7 +78,7 @@ int check(const CheckArguments& a) {
   for (Notice& finding : diagnosis->findings) in_program_words(finding);
   std::map<std::string, std::vector<std::string>> open;
   if (diagnosis->findings.empty()) open = open_numbers(rig_file, recording->samples);
-  progress.clear();
+  line.clear();
   if (a.json) {
     Json json = diagnosis_json(*diagnosis);
     json["open_numbering"] = Json::object();

@@ -29,9 +29,9 @@ int evaluate(const EvaluateArguments& a) {
   check_page_file(a.page);
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
   now("reading " + a.samples);
-  Progress progress(a.quiet || a.json);
+  ProgressLine line(a.quiet || a.json);
   const std::string text = read_file(a.samples);
-  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
+  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, line);
   if (std::none_of(samples.begin(), samples.end(),
                    [](const Sample& sample) { return sample.train; }))
     clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
@@ -39,10 +39,9 @@ int evaluate(const EvaluateArguments& a) {
       checked_recording(rig_file, samples, a.samples);
   now("evaluating");
   try {
-    const Evaluation evaluation =
-        kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free,
-                         [&](double share) { progress.stage("evaluating", share); });
-    progress.clear();
+    const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free,
+                                                   line.progress().in("evaluating"));
+    line.clear();
     Notices words = warnings(evaluation);
     for (Notice& w : words) in_program_words(w);
     if (a.json) {

@@ -5,7 +5,7 @@
 #include "../../io/document/files.h"
 #include "../../io/results/fleet_files.h"
 #include "../job.h"
-#include "../progress.h"
+#include "../progress_line.h"
 #include "../signals.h"
 #include "../tables/fleet_table.h"
 #include "command.h"
@@ -26,19 +26,16 @@ const char* const kAnew = "target/*/pose";
 int fleet(const FleetArguments& a) {
   say_cleared(clear_leftovers(a.out));
   check_output(a.out, a.force);
-  Progress progress(a.quiet || a.json);
+  ProgressLine line(a.quiet || a.json);
   const std::vector<std::string> paths = find_results(a.results);
   now("reading results");
-  const Fleet fleet = read_fleet(paths, [&](size_t done) {
-    progress.stage("reading results",
-                   static_cast<double>(done) / static_cast<double>(paths.size()));
-  });
+  const Fleet fleet = read_fleet(paths, line.progress().in("reading results"));
   FleetOptions options;
   options.level = a.level;
   options.anew =
       a.anew.empty() ? fleet_numbers(fleet, {kAnew}, "") : fleet_numbers(fleet, a.anew, "--anew");
   now("judging robots");
-  progress.stage("judging robots", std::nan(""));
+  line.stage("judging robots", std::nan(""));
   const FleetFindings findings = study_fleet(fleet.numbers, fleet.results, options);
   const std::string json = fleet_json(fleet, findings, options, KINCAL_VERSION);
   begin_writing();
@@ -49,7 +46,7 @@ int fleet(const FleetArguments& a) {
                         {"drift.csv", drift_csv(fleet, findings)}},
                        a.force, not_interrupted))
     return say_interrupted();
-  progress.clear();
+  line.clear();
   if (a.json)
     std::cout << json;
   else if (!a.quiet)

@@ -34,25 +34,25 @@ int intrinsics(const IntrinsicsArguments& a) {
   check_output(a.out, a.force);
   const RigFile rig_file = read_rig(rig_path(a.rig));
   now("reading " + a.samples);
-  Progress progress(a.quiet || a.json);
+  ProgressLine line(a.quiet || a.json);
   const std::string text = read_file(a.samples);  // once: it may be a pipe
   const std::vector<Sample> samples =
-      parse_samples(text, a.samples, without_robot(rig_file.rig), progress);
+      parse_samples(text, a.samples, without_robot(rig_file.rig), line);
   for (const Notice& finding : find_normalised(rig_file.rig, samples))
     throw InputError(sentences(finding));
   now("calibrating cameras");
   IntrinsicsOptions options = a.options;
-  options.stage = [&](const std::string& what, double share) { progress.stage(what, share); };
+  options.progress = line.progress();
   std::optional<IntrinsicsResult> result = calibrate_intrinsics(rig_file.rig, samples, options);
   if (!result) return say_interrupted();
   for (const Notice& finding : find_implausible(rig_file.rig, samples))
     if (finding.kind == NoticeKind::square)
       result->notes.push_back({id(finding.kind), sentences(finding)});
-  progress.stage("writing", std::nan(""));
+  line.stage("writing", std::nan(""));
   const auto files = intrinsics_files(rig_file, *result, {KINCAL_VERSION, a.command, sha256(text)});
   begin_writing();
   if (!write_directory(a.out, files, a.force, not_interrupted)) return say_interrupted();
-  progress.clear();
+  line.clear();
   if (a.json) {
     for (const auto& [name, content] : files)
       if (name == "intrinsics.json") std::cout << content;

@@ -38,17 +38,17 @@ int local(const LocalArguments& a) {
   }
   const RigFile rig_file = read_rig(rig_path(a.rig));
   now("reading " + a.samples);
-  Progress progress(a.quiet || a.json);
+  ProgressLine line(a.quiet || a.json);
   const std::string text = read_file(a.samples);  // once: it may be a pipe
-  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, progress);
+  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, line);
   now("calibrating around the posture");
   const LocalPosture posture = read_local_posture(a.near, rig_file.rig, samples);
   LocalOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.within = a.within;
-  options.progress = [&](double share) { progress.stage("calibrating locally", share); };
+  options.progress = line.progress().in("calibrating locally");
   const LocalCalibration local = calibrate_locally(rig_file.rig, samples, posture, options);
-  progress.clear();
+  line.clear();
   for (const std::string& name : local.open)
     std::fprintf(stderr,
                  "kincal: warning: %s is absent from the rig: it was estimated from the samples\n",

@@ -164,13 +164,10 @@ int simulate(const SimulateArguments& a) {
     throw with_nearest(error);
   }
   refuse_open_poses(rig_file.rig, table, truth, spread);
-  Progress progress(a.quiet);
-  options.progress = [&](int done) {
-    progress.stage("simulating", static_cast<double>(done) / a.samples);
-    return true;
-  };
+  ProgressLine line(a.quiet);
+  options.progress = line.progress().in("simulating");
   Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
-  progress.clear();
+  line.clear();
   for (const Simulation::Dropped& d : simulation.dropped)
     std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
                  d.sample.c_str(), rig_file.rig.sensors[d.sensor].name.c_str(),

@@ -301,7 +301,7 @@ bool parse_plain_json(std::string_view text, int line, Node& node) {
 
 void for_each_json_line(const std::string& text, const std::string& path,
                         const std::function<std::string(const Field&)>& read,
-                        const std::function<void(double)>& progress) {
+                        const Progress& progress) {
   std::unordered_map<std::string, int> lines;  // of the ids
   Node node;
   std::string id;
@@ -316,8 +316,7 @@ void for_each_json_line(const std::string& text, const std::string& path,
   };
   int line = 1;
   for (size_t at = 0; at < text.size(); ++line) {
-    if (progress && line % 256 == 0)
-      progress(static_cast<double>(at) / static_cast<double>(text.size()));
+    if (line % 256 == 0) progress.share(static_cast<double>(at), static_cast<double>(text.size()));
     const size_t end = std::min(text.find('\n', at), text.size());
     const std::string_view one = std::string_view(text).substr(at, end - at);
     at = end + 1;

@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 
+#include "../../solver/progress.h"
 #include "document.h"
 #include "node.h"
 
@@ -22,11 +23,11 @@ bool parse_plain_json(std::string_view text, int line, Node& node);
 
 /// Visits the values of the text of a JSON lines file, one a line, blank lines aside. `read`
 /// returns the value's id. It gets a line by parse_plain_json() first; if it throws InputError,
-/// again by parse_json(), whose error then counts. `progress` gets the share that is read, from
-/// time to time. @throws InputError where a line is malformed or an id stands twice.
+/// again by parse_json(), whose error then counts. @throws InputError where a line is malformed or
+/// an id stands twice; Cancelled.
 void for_each_json_line(const std::string& text, const std::string& path,
                         const std::function<std::string(const Field&)>& read,
-                        const std::function<void(double)>& progress = nullptr);
+                        const Progress& progress = {});
 
 /// Whether a text is UTF-8, as every JSON file has to be.
 bool is_utf8(const std::string& text);

@@ -1,10 +1,10 @@
 // From images to samples: views that have an image and no pixels get them.
 #pragma once
 
-#include <functional>
 #include <string>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../rig/rig_file.h"
 
 namespace kincal {
@@ -18,7 +18,7 @@ struct FillOptions {
   bool sigma = false;             // write what each view's sigma is by the picture
   double tolerance = 0.05;        // s, between an image and its readings
   int threads = 1;                // the result is the same for any number
-  std::function<void(double)> progress;  // gets the share that is done
+  Progress progress;
 };
 
 /// Filled is what came of it.

@@ -3,9 +3,9 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <string>
 
+#include "../../solver/progress.h"
 #include "../rig/rig_file.h"
 #include "render.h"
 
@@ -14,9 +14,9 @@ namespace kincal {
 struct RenderOptions {
   Look look;
   std::uint64_t seed = 1;
-  int threads = 1;                       // the pictures are the same for any number
-  bool force = false;                    // replace files
-  std::function<void(double)> progress;  // gets the share that is done
+  int threads = 1;     // the pictures are the same for any number
+  bool force = false;  // replace files
+  Progress progress;
 };
 
 /// Writes the picture (PNG) of every `image` in a samples file, relative to that file, as the truth

@@ -74,7 +74,8 @@ void unpack_file(const std::string& path, Scratch& to, BagReading& reading) {
         return reading.lost("what comes after byte " + std::to_string(file.position() - count) +
                             ": it unpacks to more than 1000 times its size");
     }
-    if (reading.progress) reading.progress(file.position(), 2 * file.size());
+    reading.progress.share(static_cast<double>(file.position()),
+                           2 * static_cast<double>(file.size()));
   }
   if (hint != 0) reading.lost("the packed file ends too early");
 }
@@ -104,8 +105,7 @@ void read_one(const BagPart& part, BagReading& reading) {
 
 }  // namespace
 
-BagContents read_bag(const std::string& path, const BagVisitor& visit,
-                     const BagProgress& progress) {
+BagContents read_bag(const std::string& path, const BagVisitor& visit, const Progress& progress) {
   std::error_code status;
   if (!fs::exists(path, status)) throw InputError(path + ": no such file or folder");
   const bool folder = fs::is_directory(path, status);

@@ -7,13 +7,14 @@
 
 #include <string>
 
+#include "../../solver/progress.h"
 #include "bag_contents.h"
 
 namespace kincal {
 
 /// Reads a bag from start to end.
-/// @throws InputError where it is none, or cannot be opened
+/// @throws InputError where it is none, or cannot be opened; Cancelled
 BagContents read_bag(const std::string& path, const BagVisitor& visit,
-                     const BagProgress& progress = nullptr);
+                     const Progress& progress = {});
 
 }  // namespace kincal

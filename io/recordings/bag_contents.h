@@ -28,9 +28,6 @@ struct BagMessage {
 /// inside a message is its own affair.
 using BagVisitor = std::function<bool(const BagMessage&)>;
 
-/// How far a bag is read: bytes so far, of all. It may throw.
-using BagProgress = std::function<void(std::uint64_t done, std::uint64_t all)>;
-
 /// What a bag has besides its messages.
 struct BagContents {
   std::string container;                             // "ROS 1 bag", "MCAP", "rosbag2 SQLite"

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <map>
 
+#include "../../solver/progress.h"
 #include "../document/error.h"
 #include "bag_contents.h"
 #include "bytes.h"
@@ -37,7 +38,7 @@ struct Unreadable : InputError {
 /// What a reader fills in, and whom it asks.
 struct BagReading {
   const BagVisitor& visit;
-  const BagProgress& progress;
+  const Progress& progress;
   BagContents& contents;
   bool ended = false;             // the visitor wants no more
   std::uint64_t given = 0;        // messages

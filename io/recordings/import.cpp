@@ -34,9 +34,7 @@ void look(const Recorded& recorded, const TargetSearch& search, const ImportOpti
         std::max(how.in_rest, static_cast<int>(std::min(kMostImages, kImageRate * whole.length())));
     how.all_targets = true;
   }
-  how.progress = [&](double share) {
-    if (options.stage) options.stage("looking at images", share);
-  };
+  how.progress = options.progress.in("looking at images");
   found.looked = look_at_images(recorded, found.rests.rests, search, how);
   for (const std::string& note : search.agree(found.looked.sightings))
     found.looked.notes.push_back(note);
@@ -58,9 +56,6 @@ ImportFindings find_samples(const Recorded& recorded, const TargetSearch* search
                             const ImportOptions& options) {
   ImportFindings found;
   const bool by_joints = recorded.readings.any(), images = any_stream(recorded.topics.images);
-  const auto stage = [&](const char* what) {
-    if (options.stage) options.stage(what, kNan);
-  };
   if (by_joints)
     found.rests = rests_of_joints(recorded.readings, options.rest, options.still_joints);
   else
@@ -74,13 +69,13 @@ ImportFindings find_samples(const Recorded& recorded, const TargetSearch* search
   if (images && !found.rests.rests.empty()) look(recorded, *search, options, found);
   if (found.rests.rests.empty()) return found;
   if (search && any_stream(recorded.topics.scans)) {
-    stage("looking at scans");
+    options.progress.stage("looking at scans");
     found.scanned = look_at_scans(recorded, found.rests.rests, *search);
   }
   make_samples(recorded, search, options.still_pixels, found);
   if (found.samples.samples.empty()) return found;
   if (options.offsets && images && by_joints) {
-    stage("comparing clocks");
+    options.progress.stage("comparing clocks");
     found.clocks = compare_clocks(recorded, found.samples, found.looked.sightings,
                                   search->open_turns, options.look.threads);
   }

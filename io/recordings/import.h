@@ -14,11 +14,11 @@
 // What was found is put into words at the end (import_words.h).
 #pragma once
 
-#include <functional>
 #include <limits>
 #include <string>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../rig/rig_file.h"
 #include "import_words.h"
 
@@ -35,7 +35,7 @@ struct ImportOptions {
   std::string image_folder;  // for images where nothing can search them
   std::string out;           // the samples file to be: paths of images are relative to it
   bool force = false;
-  std::function<void(const std::string&, double)> stage;  // what is done, and the share
+  Progress progress;
 };
 
 struct RecordedSamples : ImportWords {

@@ -203,7 +203,7 @@ void read_mcap(const std::string& path, BagReading& reading) {
   reader.file.seek(kMagic.size());
   while (!reading.ended) {
     const std::uint64_t start = reader.file.position();
-    if (reading.progress) reading.progress(start, reader.file.size());
+    reading.progress.share(static_cast<double>(start), static_cast<double>(reader.file.size()));
     try {
       if (!reader.next()) break;
     } catch (const Damage& damage) {

@@ -191,7 +191,7 @@ struct MeasurementReader {
 
 ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, const RigFile& rig,
                                         std::vector<std::string>& losses,
-                                        const BagProgress& progress) {
+                                        const Progress& progress) {
   MeasurementReader reader(rig);
   for (const std::string& bag : bags) {
     reader.types.clear();  // topics live as long as their bag is read

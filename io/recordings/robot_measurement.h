@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "../../models/rig/samples.h"
+#include "../../solver/progress.h"
 #include "../rig/rig_file.h"
 #include "bag.h"
 
@@ -23,6 +24,6 @@ struct ImportedSamples {
 /// @throws InputError where none of the bags has one, or a bag is none
 ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, const RigFile& rig,
                                         std::vector<std::string>& losses,
-                                        const BagProgress& progress = nullptr);
+                                        const Progress& progress = {});
 
 }  // namespace kincal

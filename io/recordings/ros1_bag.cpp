@@ -208,7 +208,7 @@ void read_ros1_bag(const std::string& path, BagReading& reading) {
   reader.read_index(reader.file.position());
   while (!reading.ended) {
     const std::uint64_t start = reader.file.position();
-    if (reading.progress) reading.progress(start, reader.file.size());
+    reading.progress.share(static_cast<double>(start), static_cast<double>(reader.file.size()));
     try {
       if (!reader.next()) break;
     } catch (const Damage& damage) {

@@ -244,7 +244,7 @@ RecordedBag record(const Studio& studio, const Journey& journey,
   Photographer photographer(studio, journey, cameras, options);
   const std::vector<Frame> frames = frames_of(journey, cameras.size(), options.frame_rate);
   const auto progress = [&](double time) {
-    if (options.progress) options.progress(std::min(1., time / out.duration));
+    options.progress.share(std::min(1., time / out.duration));
   };
   for (size_t first = 0; first < frames.size(); first += kAtOnce) {
     const std::vector<Frame> block(

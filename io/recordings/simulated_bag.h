@@ -3,10 +3,10 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <string>
 
 #include "../../models/simulation/journey.h"
+#include "../../solver/progress.h"
 #include "../images/render.h"
 #include "../rig/rig_file.h"
 #include "simulated_laser.h"
@@ -20,10 +20,10 @@ struct BagOptions {
   SweepOptions sweep;       // of tilting lasers; rests become as long as they take
   Look look;
   std::uint64_t seed = 1;
-  int threads = 1;                       // the bag is the same for any number
-  bool force = false;                    // replace a file
-  std::function<void(double)> progress;  // gets the share that is done
-  bool (*go_on)() = nullptr;             // asked before the file gets its name
+  int threads = 1;     // the bag is the same for any number
+  bool force = false;  // replace a file
+  Progress progress;
+  bool (*go_on)() = nullptr;  // asked before the file gets its name
 };
 
 struct RecordedBag {

@@ -187,9 +187,9 @@ struct Rows {
         reading.lost("messages " + std::to_string(expected) + " to " + std::to_string(id - 1) +
                      " are not there");
       jump = 1;
-      if (reading.progress && last > 0)
-        reading.progress(static_cast<std::uint64_t>(std::clamp<std::int64_t>(id, 0, last)),
-                         static_cast<std::uint64_t>(last));
+      if (last > 0)
+        reading.progress.share(static_cast<double>(std::clamp<std::int64_t>(id, 0, last)),
+                               static_cast<double>(last));
       message(id);
       if (id == kLargest) break;
       from = id + 1;

@@ -190,8 +190,7 @@ LookedAt look_at_images(const Recorded& recorded, const Intervals& rests,
     const auto found = wanted.find({stream, image});
     if (found == wanted.end()) return;
     searcher.add(found->second, raw);
-    if (options.progress)
-      options.progress(static_cast<double>(++done) / static_cast<double>(wanted.size()));
+    options.progress.share(static_cast<double>(++done), static_cast<double>(wanted.size()));
   });
   return searcher.finish();
 }

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "robot_readings.h"
 #include "settled_view.h"
 #include "sweep.h"
@@ -66,7 +67,7 @@ struct LookOptions {
   int most_on_ways = 300;        // of all ways
   bool all_targets = false;      // search every image for all targets
   int threads = 1;
-  std::function<void(double)> progress;
+  Progress progress;
 };
 
 /// LookedAt is what came of it.

@@ -394,7 +394,7 @@ void read_again(
   }
 }
 
-RecordedStreams read_streams(const std::vector<std::string>& bags, const BagProgress& progress) {
+RecordedStreams read_streams(const std::vector<std::string>& bags, const Progress& progress) {
   StreamReader reader;
   std::map<std::string, long> unreadable;
   std::map<std::string, std::string> why;

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "../../kinematics/transform.h"
+#include "../../solver/progress.h"
 #include "bag.h"
 #include "message.h"
 #include "settle.h"
@@ -77,8 +78,7 @@ struct RecordedStreams {
 };
 
 /// Returns what is in some bags. @throws InputError as read_bag
-RecordedStreams read_streams(const std::vector<std::string>& bags,
-                             const BagProgress& progress = nullptr);
+RecordedStreams read_streams(const std::vector<std::string>& bags, const Progress& progress = {});
 
 /// A MessageReader decodes the messages of one bag; a topic's definition is read once.
 class MessageReader {

@@ -378,7 +378,7 @@ double seconds_of_date(const std::string& text) {
   return 86400 * days + 3600.0 * hour + 60.0 * minute + second;
 }
 
-Fleet read_fleet(const std::vector<std::string>& results, const std::function<void(size_t)>& read) {
+Fleet read_fleet(const std::vector<std::string>& results, const Progress& progress) {
   Fleet out;
   std::vector<OneResult> all;
   for (size_t i = 0; i < results.size(); ++i) {
@@ -391,7 +391,7 @@ Fleet read_fleet(const std::vector<std::string>& results, const std::function<vo
     } catch (const InputError& error) {  // one that is damaged is no reason to judge none
       out.left_out.push_back({results[i], std::string("it cannot be read: ") + error.what()});
     }
-    if (read) read(i + 1);
+    progress.share(static_cast<double>(i + 1), static_cast<double>(results.size()));
   }
   leave_out_other_robots(all, out);
   CommonNumbers common;

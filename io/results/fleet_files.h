@@ -1,12 +1,12 @@
 // Results of a fleet read (`kincal fleet`), and what was found written.
 #pragma once
 
-#include <functional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "../../models/fleet/fleet.h"
+#include "../../solver/progress.h"
 
 namespace kincal {
 
@@ -25,10 +25,8 @@ struct Fleet {
 /// order of their names. @throws InputError where a path is or has none
 std::vector<std::string> find_results(const std::vector<std::string>& paths);
 
-/// Reads results. `read` is told how many have been. @throws InputError; also where none can be
-/// used
-Fleet read_fleet(const std::vector<std::string>& results,
-                 const std::function<void(size_t)>& read = nullptr);
+/// Reads results. @throws InputError; also where none can be used; Cancelled
+Fleet read_fleet(const std::vector<std::string>& results, const Progress& progress = {});
 
 /// Reads a time as people write it: 2026-03, 2026-03-01, 2026-03-01T12:30, with seconds, a zone
 /// (`Z`, `+02:00`; none: UTC) and `_` or a blank in place of T. Returns seconds since 1970.

@@ -430,7 +430,7 @@ std::string readings_text(const Tree& tree, const std::vector<double>& readings)
 }
 
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
-                                  const std::function<void(double)>& progress) {
+                                  const Progress& progress) {
   refuse_other_kinds(text, path, Wanted::samples);
   const Lookup look = lookup(rig);
   std::vector<Sample> samples;

@@ -1,12 +1,12 @@
 // samples.jsonl: strict reading, with the place of everything wrong, and writing.
 #pragma once
 
-#include <functional>
 #include <string>
 #include <vector>
 
 #include "../../models/rig/rig.h"
 #include "../../models/rig/samples.h"
+#include "../../solver/progress.h"
 #include "../document/document.h"
 
 namespace kincal {
@@ -14,10 +14,9 @@ namespace kincal {
 /// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError
 /// "path:line: views[2].ids: ..."
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
-/// Reads them from the text of a file; `path` is for messages, `progress` gets the share that is
-/// read, from time to time. @throws InputError
+/// Reads them from the text of a file; `path` is for messages. @throws InputError, Cancelled
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
-                                  const std::function<void(double)>& progress = nullptr);
+                                  const Progress& progress = {});
 
 /// The reading of a floating joint: a pose, of which nothing may be left away. @throws InputError
 Pose read_pose_reading(const Field& field);

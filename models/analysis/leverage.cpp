@@ -70,15 +70,14 @@ std::vector<Influence> influences(const std::vector<GroupShape>& groups,
   return out;
 }
 
-std::vector<Leverage> leverage(const Linearisation& at,
-                               const std::function<void(double)>& progress) {
+std::vector<Leverage> leverage(const Linearisation& at, const Progress& progress) {
   std::vector<Leverage> out;
   Estimation& problem = at.problem();
   problem.prepare(at.state());
   MatrixXd scratch;
   const double groups = static_cast<double>(problem.groups().size());
   const auto rows = [&](size_t g) -> const MatrixXd& {
-    if (progress && g % kGroupsTold == 0) progress(static_cast<double>(g) / groups);
+    if (g % kGroupsTold == 0) progress.share(static_cast<double>(g), groups);
     return at.reduced_rows(g, scratch);
   };
   for (const Influence& f : influences(problem.groups(), rows, at.observability()))

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "linearisation.h"
 
 namespace kincal {
@@ -37,8 +38,7 @@ struct Leverage {
   std::string sample, parameter;
   double moved_sigmas;
 };
-/// Returns the leverages above 1 sigma, largest first. `progress` is told which share is done.
-std::vector<Leverage> leverage(const Linearisation& at,
-                               const std::function<void(double)>& progress = nullptr);
+/// Returns the leverages above 1 sigma, largest first. @throws Cancelled
+std::vector<Leverage> leverage(const Linearisation& at, const Progress& progress = {});
 
 }  // namespace kincal

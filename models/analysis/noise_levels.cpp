@@ -252,8 +252,7 @@ struct RowsLeft {
 };
 
 RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
-                        const MatrixXd& covariance, NoiseKinds& kinds,
-                        const std::function<void(double)>& progress) {
+                        const MatrixXd& covariance, NoiseKinds& kinds, const Progress& progress) {
   const int groups = kinds.count();
   // A root of the shared covariance; unobservable directions have none.
   MatrixXd root(problem.shared_size(), problem.shared_size());
@@ -261,8 +260,8 @@ RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
   RowsLeft out{MatrixXd::Zero(groups, groups), VectorXd(groups), VectorXd(groups),
                VectorXd(groups)};
   for (size_t g = 0; g < problem.groups().size(); ++g) {
-    if (progress && g % kGroupsTold == 0)
-      progress(static_cast<double>(g) / static_cast<double>(problem.groups().size()));
+    if (g % kGroupsTold == 0)
+      progress.share(static_cast<double>(g), static_cast<double>(problem.groups().size()));
     add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
   }
   // The product of two symmetric matrices: what is below the diagonal counts twice.
@@ -421,7 +420,7 @@ namespace {
 std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, const VectorXd& state,
                                   const MatrixXd& covariance,
                                   const std::vector<ViewResiduals>& views,
-                                  const std::function<void(double)>& progress) {
+                                  const Progress& progress) {
   NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
   add_residuals(problem.setup(), rig, views, kinds);
   const RowsLeft left = find_rows_left(problem, state, covariance, kinds, progress);
@@ -473,7 +472,7 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
 }
 
 NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
-                         const std::function<void(double)>& progress) {
+                         const Progress& progress) {
   return {levels_of(at.problem(), at.solution.rig(), at.state(), at.observability().covariance,
                     views, progress)};
 }

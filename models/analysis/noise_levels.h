@@ -56,6 +56,7 @@
 #include <utility>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "linearisation.h"
 
 namespace kincal {
@@ -88,10 +89,10 @@ struct NoiseLevels : std::vector<NoiseLevel> {
   std::string text() const;
 };
 NoiseLevels noise_levels(const Linearisation& at);
-/// The same where the residuals at the solution are known (Estimation::residuals()). `progress` is
-/// told which share is done.
+/// The same where the residuals at the solution are known (Estimation::residuals()). @throws
+/// Cancelled
 NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
-                         const std::function<void(double)>& progress = nullptr);
+                         const Progress& progress = {});
 /// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and
 /// covariances as last renewed. `covariance` is that of the shared unknowns at the solution
 /// (observe()). In modes marginal and point only sensors without noisy joints can be estimated.

@@ -53,8 +53,20 @@ struct Judge {
   bool with_dof = false;
   std::vector<double> noise_ratios;
   enum class Keep { all, raw, sums };
-  Keep keep = Keep::all;                 // of the residuals
-  std::function<void(double)> progress;  // share done
+  Keep keep = Keep::all;  // of the residuals
+  Progress progress;
+};
+
+/// Parts hands out the shares of work that is done in parts, one after the other.
+struct Parts {
+  const Progress& progress;
+  size_t all, done = 0;
+
+  Progress next(size_t count) {
+    const double from = static_cast<double>(done) / static_cast<double>(all);
+    done += count;
+    return progress.between(from, static_cast<double>(done) / static_cast<double>(all));
+  }
 };
 
 struct Judged {
@@ -183,7 +195,7 @@ Judged judge(const Recording& recording, const std::vector<int>& samples, const 
   const Together groups = judged_together(recording, samples, setup, how.free);
   size_t done = 0;
   const auto tell = [&](size_t count) {
-    if (how.progress) how.progress(static_cast<double>(done) / static_cast<double>(samples.size()));
+    how.progress.share(static_cast<double>(done), static_cast<double>(samples.size()));
     done += count;
   };
   if (!groups.tied.empty()) {
@@ -261,7 +273,7 @@ Residuals residuals(const Linearisation& at) {
 }
 
 Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
-                    const std::function<void(double)>& progress) {
+                    const Progress& progress) {
   const Solution& solution = at.solution;
   const Recording& recording = *solution.recording;
   const Rig& rig = recording.rig;
@@ -281,16 +293,12 @@ Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
       place[i] = static_cast<int>(out.sensors.size());
       out.sensors.push_back(unseen(rig.sensors[i]));
     }
-  double done = 0;  // samples judged, each in up to three ways
+  Parts parts = {progress, 3 * recording.samples.size()};  // each is judged in up to three ways
   for (bool train : {true, false}) {
     const std::vector<int> samples = recording.split(train);
     if (samples.empty()) continue;
     Judge how;
-    const double count = static_cast<double>(samples.size());
-    if (progress)
-      how.progress = [&](double share) {
-        progress((done + share * count) / (3 * static_cast<double>(recording.samples.size())));
-      };
+    how.progress = parts.next(samples.size());
     how.noise = solution.noise;
     how.loss = solution.setup.loss;
     how.noise_ratios = at.problem().setup().noise_ratios;
@@ -304,14 +312,13 @@ Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
     } else {
       now = judge(recording, samples, solution.values.shared, solution.initial, how);
     }
-    done += count;
+    how.progress = parts.next(samples.size());
     how.noise = NoiseMode::none;
     how.keep = train ? Judge::Keep::sums : Judge::Keep::raw;
     Judged read = judge(recording, samples, solution.values.shared, solution.initial, how);
-    done += count;
+    how.progress = parts.next(samples.size());
     how.keep = Judge::Keep::raw;
     Judged before = judge(recording, samples, solution.initial, solution.initial, how);
-    done += count;
     for (size_t i = 0; i < rig.sensors.size(); ++i) {
       if (place[i] < 0) continue;
       SensorResult& sensor = out.sensors[place[i]];
@@ -356,8 +363,7 @@ static void find_worst(const Recording& recording, Evaluation& out) {
 }
 
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
-                    const std::vector<std::string>& patterns,
-                    const std::function<void(double)>& progress) {
+                    const std::vector<std::string>& patterns, const Progress& progress) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   std::vector<Freed> free;
@@ -372,11 +378,9 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
   for (int p : open) merge(free, {whole(table, p)});
   std::vector<char> influences(table.all.size(), 0);  // some view depends on it
   std::vector<int> place(rig.sensors.size(), -1);
-  const double all = 2 * static_cast<double>(recording.samples.size());
-  double done = 0;  // samples judged, each in two ways
+  Parts parts = {progress, 2 * recording.samples.size()};  // each is judged in two ways
   for (bool train : {true, false}) {
     const std::vector<int> samples = recording.split(train);
-    const double count = static_cast<double>(samples.size());
     if (samples.empty()) continue;
     EstimationSetup setup;
     setup.sensors = indices(rig.sensors.size());
@@ -387,13 +391,12 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     for (size_t p = 0; p < used.size(); ++p) influences[p] |= used[p];
     how.noise = noise;
     how.with_dof = true;
-    if (progress) how.progress = [&](double share) { progress((done + share * count) / all); };
+    how.progress = parts.next(samples.size());
     Judged now = judge(recording, samples, table.initial, table.initial, how);
-    done += count;
+    how.progress = parts.next(samples.size());
     how.noise = NoiseMode::none;
     how.with_dof = false;
     const Judged read = judge(recording, samples, table.initial, table.initial, how);
-    done += count;
     out.undefined.insert(out.undefined.end(), now.undefined.begin(), now.undefined.end());
     note_unfinished(now, train, "rms", out.unfinished);
     note_unfinished(read, train, "rms_as_read", out.unfinished);

@@ -7,10 +7,10 @@
 // something estimated. A pose among these that the rig does not give starts in closed form.
 #pragma once
 
-#include <functional>
 #include <string>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../calibration/solution.h"
 
 namespace kincal {
@@ -59,9 +59,10 @@ struct Linearisation;
 /// Computes the residuals of a solution. It throws nothing: what cannot be evaluated is in
 /// `undefined`.
 Residuals residuals(const Linearisation& at);
-/// The same where the last problem's residuals are known (Estimation::residuals()).
+/// The same where the last problem's residuals are known (Estimation::residuals()). @throws
+/// Cancelled
 Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
-                    const std::function<void(double)>& progress = nullptr);
+                    const Progress& progress = {});
 
 /// Returns residuals as read alone, of the held-out samples, with these shared values in place of
 /// the solution's.
@@ -85,11 +86,10 @@ struct Evaluation {
 
 /// Evaluates both splits at the rig's values; free targets, joint errors, what `free` names and
 /// what the rig leaves open (rig/selection.h) are estimated in each split.
-/// `progress` is called with the share that is done.
-/// @throws NameError beginning with "free[N]"; std::runtime_error where no sample can be evaluated.
+/// @throws NameError beginning with "free[N]"; std::runtime_error where no sample can be evaluated;
+/// Cancelled.
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
-                    const std::vector<std::string>& free,
-                    const std::function<void(double)>& progress = {});
+                    const std::vector<std::string>& free, const Progress& progress = {});
 
 /// Returns the result of a sensor without any view yet.
 SensorResult unseen(const Sensor& sensor);

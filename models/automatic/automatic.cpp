@@ -301,15 +301,12 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   fit_options.solver.threads = options.threads;
   fit_options.solver.linear_solver = options.linear_solver;
   fit_options.solver.relative_decrease = 1e-7;
-  if (options.progress)
-    fit_options.solver.progress = [&](int iteration, double chi2, double damping) {
-      return options.progress("widths", iteration, chi2, damping);
-    };
+  const Progress progress = fit_options.solver.progress = options.progress.in("widths");
   VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
   bool settled = false;
   for (int pass = 0;; ++pass) {
     const Recording& recording = *out.recording;
-    options.tell("widths, round " + std::to_string(pass + 1));
+    progress.stage("round " + std::to_string(pass + 1));
     setup.priors = plan.priors;
     for (Prior& prior : setup.priors) {
       const auto found = members.find({prior.parameter, prior.component});
@@ -318,7 +315,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     }
     Fit done = fit(recording, recording.training(), setup, out.values, fit_options);
     out.outcome = done.summary.outcome;
-    if (!done.defined() || out.outcome == Outcome::cancelled) return out;
+    if (!done.defined()) return out;
     out.values = done.values;
     const DataProblem data = data_problem(recording, done, groups);
     FitWidths found = width_problem(recording, data, done, groups);
@@ -504,7 +501,7 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
 }
 
 AutomaticCalibration calibrate_automatically(const Recording& given,
-                                             const AutomaticOptions& options) {
+                                             const AutomaticOptions& options) try {
   AutomaticCalibration out;
   std::shared_ptr<const Recording> now = with_guessed_noise(given, options.noise);
   const Recording& recording = *now;
@@ -525,24 +522,18 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     CalibrationOptions mounts = run;
     mounts.last_step = kMounts;
     mounts.free.clear();
-    solution = calibrate(at_start(), mounts);
+    solution = uncancelled(calibrate(at_start(), mounts));
     turn_back(recording.table, groups.pivots, solution.initial, solution.values.shared);
     out.gauges = fix_gauges(recording, solution.initial, groups, solution.values.shared);
   }
   const StepPlan plan = resolve_steps(*at_start(), run).back();
-  if (plan.name != kEverything || solution.status == Status::undefined_start ||
-      solution.status == Status::cancelled)
-    return out;
+  if (plan.name != kEverything || solution.status == Status::undefined_start) return out;
   const Learned learned = learn(recording, plan, groups, options, solution);
-  if (learned.outcome == Outcome::cancelled) {
-    solution.status = Status::cancelled;
-    return out;
-  }
   if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
-    solution = calibrate(at_start(), run);  // says what is wrong
+    solution = uncancelled(calibrate(at_start(), run));  // says what is wrong
     return out;
   }
-  options.tell("what there is evidence for");
+  options.progress.stage("what there is evidence for");
   const Holding holding = hold(learned.problem, learned.widths);
   std::vector<Component> held;
   for (size_t i = 0; i < holding.held.size(); ++i)
@@ -558,13 +549,13 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   variations.before_step = [&](const StepPlan& step, const VectorXd&, VectorXd& shared) {
     if (step.name == kEverything) shared = start;
   };
-  solution = calibrate(final, run, variations);
+  solution = uncancelled(calibrate(final, run, variations));
   if (solution.status == Status::unobservable) {
     // What is held now told, with its noise, what nothing tells: how high a robot with parallel
     // axes stands. It led metres away; poses stay where they start along what the data do not
     // determine.
     start = mounts.values.shared;
-    solution = calibrate(final, run, variations);
+    solution = uncancelled(calibrate(final, run, variations));
   }
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return out;
@@ -582,6 +573,13 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   out.groups = told(groups, learned, holding, solution);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
+  return out;
+} catch (const Cancelled&) {
+  AutomaticCalibration out;
+  out.solution.recording = make_recording(given);
+  out.solution.initial = out.solution.values.shared = given.table.initial;
+  out.solution.status = Status::cancelled;
+  out.solution.message = "cancelled";
   return out;
 }
 

@@ -72,4 +72,10 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options);
 
+/// Passes one on that was not cancelled. @throws Cancelled
+inline AutomaticCalibration uncancelled(AutomaticCalibration found) {
+  if (found.solution.status == Status::cancelled) throw Cancelled();
+  return found;
+}
+
 }  // namespace kincal

@@ -25,9 +25,8 @@ namespace {
 constexpr double kRepeatedDecrease = 1e-7;
 constexpr int kRepeatedIterations = 30;
 
-/// How an undefined start or a cancellation ends a calibration.
-struct Ended {
-  Status status;
+/// How an undefined start ends a calibration.
+struct CannotStart {
   std::string message;
 };
 
@@ -55,7 +54,8 @@ struct StepKind {
   bool last, robust, keep_solver;
 };
 
-/// A step's fit. `noise_ratios`: of its loss, null: from the residuals. Throws Ended.
+/// A step's fit. `noise_ratios`: of its loss, null: from the residuals. @throws CannotStart,
+/// Cancelled
 Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, const StepKind& kind,
              const std::vector<double>* noise_ratios, Solution& solution) {
   const Recording& recording = *solution.recording;
@@ -83,35 +83,26 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, const Step
     fit_options.leave_out_undefined = true;
     fit_options.converge = false;
   }
-  if (options.progress) {
-    fit_options.solver.progress = [progress = options.progress, name = plan.name](
-                                      int iteration, double chi2, double damping) {
-      return progress(name, iteration, chi2, damping);
-    };
-    if (!options.progress(plan.name, 0, kNan, kNan)) throw Ended{Status::cancelled, "cancelled"};
-  }
+  const Progress progress = options.progress.in(plan.name);
+  progress.iteration(0);
+  fit_options.solver.progress = progress;
+  fit_options.starting = progress.in("starting values");
   fit_options.keep_solver = kind.keep_solver;
   fit_options.restart_targets = kind.last;  // (the others are to fit badly, and lead there)
-  if (options.stage)
-    fit_options.starting = [&](double share) {
-      options.tell(plan.name + ": starting values", share);
-    };
   Fit out;
   try {
     Values start = std::move(solution.values);
     solution.values.shared = start.shared;
     out = fit(recording, recording.training(), setup, std::move(start), fit_options);
   } catch (const std::runtime_error& error) {  // no pose of a target can be evaluated
-    throw Ended{Status::undefined_start, error.what()};
+    throw CannotStart{error.what()};
   }
   solution.values = std::move(out.values);
   if (out.problem->empty())
-    throw Ended{Status::undefined_start,
-                "step '" + plan.name + "': no sample can start: points lie behind their cameras"};
-  if (out.summary.outcome == Outcome::cancelled) throw Ended{Status::cancelled, "cancelled"};
+    throw CannotStart{"step '" + plan.name +
+                      "': no sample can start: points lie behind their cameras"};
   if (!out.defined())
-    throw Ended{
-        Status::undefined_start,
+    throw CannotStart{
         undefined_text(recording, plan, out.problem->sample_of(out.summary.undefined_group))};
   out.problem->renew(out.state);
   return out;
@@ -154,12 +145,10 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     Fit step = fit_step(plan, options, {last, variations.robust, last && keep_solver},
                         given ? &variations.noise_ratios : nullptr, solution);
     solution.columns = step.problem->columns();
-    const auto observing = [&](double share) {
-      options.tell(plan.name + ": uncertainties", share);
-    };
     auto observed = std::make_unique<LastProblem>();
     observed->observability =
-        observe(*step.problem, step.state, last ? &observed->kept_rows : nullptr, observing);
+        observe(*step.problem, step.state, last ? &observed->kept_rows : nullptr,
+                options.progress.in(plan.name).in("uncertainties"));
     StepResult result = step_result(plan, step, observed->observability, solution);
     result.linear_solver = step.linear_solver;
     result.seconds =
@@ -205,34 +194,46 @@ void run_to_end(const std::vector<StepPlan>& plans, const CalibrationOptions& op
                 const StepVariations& variations, bool keep_solver, CalibrationRun& run) {
   try {
     run_steps(plans, options, variations, keep_solver, run);
-  } catch (const Ended& ended) {
-    run.solution.status = ended.status;
-    run.solution.message = ended.message;
-    if (ended.status != Status::undefined_start) return;
+  } catch (const CannotStart& why) {
+    run.solution.status = Status::undefined_start;
+    run.solution.message = why.message;
     for (const std::string& pose : run.solution.lost_starts)
       run.solution.message += "; " + lost_start_text(run.solution, pose);
   }
+}
+
+/// From where the run begins, or from elsewhere where that ends badly. @throws Cancelled
+void run_from_best_start(const std::vector<StepPlan>& plans, const CalibrationOptions& options,
+                         const StepVariations& variations, bool keep_solver,
+                         CalibrationRun& first) {
+  options.progress.stage("starting values");
+  start_absent_poses(plans, first.solution);
+  run_to_end(plans, options, variations, keep_solver, first);
+  // A robust run's cost is in units of what its residuals show: it compares with no other.
+  const bool again_possible =
+      !variations.start && !variations.before_step &&
+      (!variations.robust || first.solution.status == Status::undefined_start);
+  if (!again_possible || !ended_badly(first.solution)) return;
+  CalibrationRun again = new_run(first.solution.recording, options, plans);
+  if (!start_given_poses(plans, first.solution, again.solution)) return;
+  run_to_end(plans, options, variations, keep_solver, again);
+  if (!decisively_better(again.solution, first.solution)) return;
+  name_replaced_starts(plans, first.solution, again.solution);
+  first = std::move(again);
 }
 
 CalibrationRun run(const std::shared_ptr<const Recording>& recording,
                    const CalibrationOptions& options, const StepVariations& variations,
                    bool keep_solver) {
   const std::vector<StepPlan> plans = resolve_steps(*recording, options);
-  CalibrationRun first = new_run(recording, options, plans);
-  options.tell("starting values");
-  start_absent_poses(plans, first.solution);
-  run_to_end(plans, options, variations, keep_solver, first);
-  // A robust run's cost is in units of what its residuals show: it compares with no other.
-  const bool again_possible =
-      !variations.start && !variations.before_step && first.solution.status != Status::cancelled &&
-      (!variations.robust || first.solution.status == Status::undefined_start);
-  if (!again_possible || !ended_badly(first.solution)) return first;
-  CalibrationRun again = new_run(recording, options, plans);
-  if (!start_given_poses(plans, first.solution, again.solution)) return first;
-  run_to_end(plans, options, variations, keep_solver, again);
-  if (!decisively_better(again.solution, first.solution)) return first;
-  name_replaced_starts(plans, first.solution, again.solution);
-  return again;
+  CalibrationRun out = new_run(recording, options, plans);
+  try {
+    run_from_best_start(plans, options, variations, keep_solver, out);
+  } catch (const Cancelled&) {
+    out.solution.status = Status::cancelled;
+    out.solution.message = "cancelled";
+  }
+  return out;
 }
 
 /// The same views with the same points and numbers of sigmas.

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "../../solver/levenberg_marquardt.h"
+#include "../../solver/progress.h"
 #include "../rig/numbers.h"
 #include "plan.h"
 #include "solution.h"
@@ -25,16 +26,7 @@ struct CalibrationOptions : StepSelection {
   LinearSolver linear_solver = LinearSolver::automatic;
   int max_iterations = 200;  // of each step
   bool stop = true;          // false: each step makes all its iterations, for comparisons
-  /// It is called at the start of a step (iteration 0) and after each iteration: step, iteration,
-  /// chi2, damping. False cancels.
-  std::function<bool(const std::string&, int, double, double)> progress;
-  /// It is called with what begins or goes on, and which share of it is done (1: all). NaN: that
-  /// cannot be told, and what has a share goes on meanwhile.
-  std::function<void(const std::string&, double)> stage;
-
-  void tell(const std::string& what, double share = kNan) const {
-    if (stage) stage(what, share);
-  }
+  Progress progress;         // a cancelled calibration has Status::cancelled
 };
 
 /// StepVariations are how trials run the same steps differently.

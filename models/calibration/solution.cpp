@@ -112,6 +112,11 @@ Tree Solution::tree() const {
   return out;
 }
 
+Solution uncancelled(Solution solution) {
+  if (solution.status == Status::cancelled) throw Cancelled();
+  return solution;
+}
+
 RobotModel robot_model(const Solution& solution) {
   const ParameterTable& table = solution.table();
   const VectorXd& values = solution.values.shared;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "../../solver/observability.h"
+#include "../../solver/progress.h"
 #include "../estimation/setup.h"
 #include "../rig/recording.h"
 #include "../rig/selection.h"
@@ -163,6 +164,9 @@ struct Solution {
   /// then on.
   Tree tree() const;
 };
+
+/// Passes a solution on that was not cancelled. @throws Cancelled
+Solution uncancelled(Solution solution);
 
 /// A RobotModel has parent_T_joint and offset of every joint as estimated; an origin that did not
 /// change is the rig's to the last bit.

@@ -203,7 +203,6 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
 
 bool decisively_better(const Solution& again, const Solution& first) {
   if (again.status == Status::undefined_start) return false;
-  if (again.status == Status::cancelled) return true;
   if (first.status == Status::undefined_start) return cost_per_dof(again) < kUnexplainedCost;
   return kPoor * again.cost < first.cost;
 }

@@ -138,7 +138,7 @@ std::vector<Look> shortlist(const Recording& recording, const TrialContext& cont
   double least = good(now) ? kInfinity : now.score();
   bool explained = false;
   for (size_t i = first; i < end; ++i) {
-    context.report(static_cast<int>(i - first), static_cast<int>(end - first));
+    context.progress.share(static_cast<double>(i - first), static_cast<double>(end - first));
     if (explained && candidates[i].many) continue;
     const Trial t =
         try_hypothesis(some, context, candidates[i], {10, 1e-2, false, kHopeless * least});
@@ -285,7 +285,7 @@ std::vector<size_t> bearing_looks(const Recording& recording, const TrialContext
   const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
   std::vector<std::pair<double, size_t>> order;
   for (size_t i = 0; i < all.size(); ++i) {
-    context.report(static_cast<int>(i), static_cast<int>(all.size()));
+    context.progress.share(static_cast<double>(i), static_cast<double>(all.size()));
     if (all[i].many) continue;
     const Trial t = try_hypothesis(some, bearing, all[i], {10, 1e-2});
     if (const double typical = t.fit.typical(); std::isfinite(typical))

@@ -463,18 +463,16 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Ended 
 
 }  // namespace
 
-std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options) {
+std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options) try {
   TrialContext context;
   context.noise = options.noise;
   context.threads = options.threads;
   context.progress = options.progress;
   if (options.compare) context.tried = std::make_shared<std::vector<Alternative>>();
-  try {
-    const SharedRecording planned = make_recording(plan_trials(recording, context));
-    return examine(planned, std::move(context), options.ended);
-  } catch (const Cancelled&) {
-    return std::nullopt;
-  }
+  const SharedRecording planned = make_recording(plan_trials(recording, context));
+  return examine(planned, std::move(context), options.ended);
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 }  // namespace kincal

@@ -22,10 +22,10 @@
 // What cannot be seen: docs/doctor.md.
 #pragma once
 
-#include <functional>
 #include <optional>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../rig/recording.h"
 #include "diagnosis.h"
 
@@ -39,12 +39,10 @@ struct DoctorOptions {
   int threads = 1;
   Ended ended = Ended::not_told;
   bool compare = false;  // weigh all that is tried by its evidence: Diagnosis::alternatives
-  /// It is called before each fit with the number of fits done and the number there are to do now;
-  /// false cancels.
-  std::function<bool(int, int)> progress;
+  Progress progress;     // is told before each fit which share is done of those to do now
 };
 
-/// Diagnoses a recording, or a rig and its samples; nullopt: `progress` cancelled. @throws
+/// Diagnoses a recording, or a rig and its samples; nullopt: cancelled. @throws
 /// NameError, std::invalid_argument as Calibration does.
 std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOptions& options);
 inline std::optional<Diagnosis> diagnose(const Rig& rig, const std::vector<Sample>& samples,

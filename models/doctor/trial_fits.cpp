@@ -192,17 +192,17 @@ TrialMinimum minimise(Estimation& problem, const TrialContext& context, const Tr
   solver_options.max_iterations = options.iterations;
   solver_options.relative_decrease = options.relative_decrease;
   solver_options.second_derivatives = false;  // what explains the data has small residuals
-  solver_options.progress = [&](int iteration, double chi2, double) {
-    if (context.progress && !context.progress(-1, 0)) return false;
+  solver_options.progress = Progress([&](const Progress::News& now) {
+    context.progress.check();
     // What leads there has done so after five; before, it may gain some factor in each.
     constexpr double gain = 30;
-    out.gave_up = chi2 > options.give_up * std::pow(gain, std::max(0, 5 - iteration));
+    out.gave_up = now.chi2 > options.give_up * std::pow(gain, std::max(0, 5 - now.iteration));
     return !out.gave_up;
-  };
+  });
   out.state = problem.pack(values);
   LevenbergMarquardt solver(problem, solver_options);
   const SolveSummary& summary = solver.solve(out.state);
-  if (summary.outcome == Outcome::cancelled && !out.gave_up) throw Cancelled();
+  if (!out.gave_up) uncancelled(summary);
   problem.unpack(out.state, values);
   out.cost = summary.cost;
   return out;

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -12,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../estimation/estimation.h"
 #include "../fitting/free_targets.h"
 #include "../rig/numbers.h"
@@ -62,9 +62,6 @@ struct Thresholds {
   static constexpr int rounds = 4;
 };
 
-/// Cancelled is thrown where progress cancels.
-struct Cancelled {};
-
 /// A Stage is what one minimisation frees, by name, so that it fits rigs whose tables differ.
 struct Stage {
   std::vector<int> sensors;
@@ -80,19 +77,14 @@ Stage without(Stage stage, const std::string& parameter);
 struct TrialContext {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
-  std::function<bool(int, int)> progress;  // as in DoctorOptions
-  std::vector<Stage> steps;                // the rig's
-  Stage all;                               // what the steps free together
-  bool usual_steps = false;                // the rig has no steps: these are usual ones
+  Progress progress;         // as in DoctorOptions
+  std::vector<Stage> steps;  // the rig's
+  Stage all;                 // what the steps free together
+  bool usual_steps = false;  // the rig has no steps: these are usual ones
   bool given_poses_freed =
       false;  // the rig gives a pose that `all` frees wholly: closed form may find a better start
   std::shared_ptr<std::vector<Alternative>> tried;  // is told all that is tried; null: nobody asks
   std::shared_ptr<ViewPosesMemory> memory = std::make_shared<ViewPosesMemory>();  // of all trials
-
-  /// Reports progress. @throws Cancelled
-  void report(int done, int of) const {
-    if (progress && !progress(done, of)) throw Cancelled();
-  }
 };
 
 struct TrialOptions {

@@ -51,7 +51,8 @@ std::optional<Changed> two_parts(const Recording& recording, const TrialContext&
   };
   const auto look = [&](int k) {
     if (k < kFewestInPart || k > n - kFewestInPart || tried.count(k)) return;
-    context.report(static_cast<int>(tried.size()), static_cast<int>(tried.size()) + 8);
+    context.progress.share(static_cast<double>(tried.size()),
+                           static_cast<double>(tried.size() + 8));
     tried[k] = chi2(split(k));
     if (tried[k] < (at == 0 ? kInfinity : tried.at(at))) at = k;
   };

@@ -63,7 +63,7 @@ std::shared_ptr<Estimation> started_problem(const Recording& recording,
     return problem;
   }
   std::set<int> undefined;
-  how.progress = nullptr;  // of one sample
+  how.progress = {};  // of one sample
   for (int i : samples) try {
       start({i});
     } catch (const std::runtime_error&) {
@@ -100,12 +100,9 @@ void solve_from_graduated(const Recording& recording, const FitOptions& options,
   VectorXd state = start;
   SolveSummary summary = solve_graduated(*out.problem, recording.rig, options.solver, state);
   out.problem->set_noise_ratios(std::vector<double>(recording.rig.sensors.size(), 1.0));
-  const auto unusable = [](const SolveSummary& s) {
-    return s.outcome == Outcome::undefined_start || s.outcome == Outcome::cancelled;
-  };
-  if (!unusable(summary)) summary = out.solver->solve(state);
-  if (summary.outcome == Outcome::cancelled) out.summary.outcome = Outcome::cancelled;
-  if (unusable(summary) || summary.cost.doubled >= out.summary.cost.doubled) return;
+  const auto undefined = [&] { return summary.outcome == Outcome::undefined_start; };
+  if (!undefined()) summary = uncancelled(out.solver->solve(state));
+  if (undefined() || summary.cost.doubled >= out.summary.cost.doubled) return;
   out.summary = std::move(summary);
   out.state = std::move(state);
 }
@@ -117,16 +114,13 @@ void minimise(const Recording& recording, const FitOptions& options, Fit& out) {
   if (problem.setup().loss.from_data) {
     out.summary =
         solve_graduated(problem, recording.rig, options.solver, out.state, options.noise_ratios);
-    if (!options.converge || out.summary.outcome == Outcome::undefined_start ||
-        out.summary.outcome == Outcome::cancelled)
-      return;
+    if (!options.converge || !out.defined()) return;
   }
   out.solver = std::make_unique<LevenbergMarquardt>(problem, options.solver);
   const bool rough = rough_for_loss(recording, out);
   const VectorXd start = rough ? out.state : VectorXd();
-  out.summary = out.solver->solve(out.state);
-  if (rough && out.defined() && out.summary.outcome != Outcome::cancelled)
-    solve_from_graduated(recording, options, start, out);
+  out.summary = uncancelled(out.solver->solve(out.state));
+  if (rough && out.defined()) solve_from_graduated(recording, options, start, out);
 }
 
 /// Finds samples with free targets that fit badly where the fit ended, and for which another start
@@ -185,14 +179,11 @@ bool find_better_targets(const Recording& recording, Fit& out) {
 void restart_targets(const Recording& recording, const FitOptions& options, Fit& out) {
   constexpr int kMost = 5;
   for (int i = 0; i < kMost; ++i) {
-    if (!out.defined() || out.summary.outcome == Outcome::cancelled ||
-        !find_better_targets(recording, out))
-      return;
+    if (!out.defined() || !find_better_targets(recording, out)) return;
     SolveSummary before = std::move(out.summary);
     VectorXd state = std::move(out.state);
     out.solver.reset();
     minimise(recording, options, out);
-    if (out.summary.outcome == Outcome::cancelled) return;
     if (!out.defined() || !(out.summary.cost.doubled < before.cost.doubled)) {
       out.summary = std::move(before);
       out.state = std::move(state);

@@ -33,9 +33,9 @@ struct FitOptions {
   /// Free targets of samples that end badly are started anew from there, and what fits better is
   /// taken: where they were started, what is estimated may have been far off.
   bool restart_targets = false;
-  bool keep_solver = false;              // for another solve; it has as much memory as all else
-  std::shared_ptr<Estimation> problem;   // of these samples, if there is one already
-  std::function<void(double)> starting;  // is told which share of the free targets has a start
+  bool keep_solver = false;             // for another solve; it has as much memory as all else
+  std::shared_ptr<Estimation> problem;  // of these samples, if there is one already
+  Progress starting;                    // is told which share of the free targets has a start
   const std::vector<double>* noise_ratios =
       nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
 };
@@ -58,7 +58,7 @@ struct Fit {
 /// `samples` are the indices of those that take part; `start` has shared values, and targets' poses
 /// and joint errors where they are known.
 /// @throws std::runtime_error naming sample and target where no pose of a target can be evaluated,
-/// unless such samples are left out; std::invalid_argument as Estimation does.
+/// unless such samples are left out; std::invalid_argument as Estimation does; Cancelled.
 Fit fit(const Recording& recording, const std::vector<int>& samples, const EstimationSetup& setup,
         Values start, const FitOptions& options = {});
 

@@ -155,12 +155,11 @@ void start_targets(const Recording& recording, const std::vector<int>& samples,
                    const TargetStarts& how) {
   for (size_t first = 0; first < samples.size(); first += kLaidOutTogether) {
     const size_t count = std::min(kLaidOutTogether, samples.size() - first);
-    if (how.progress)
-      how.progress(static_cast<double>(first) / static_cast<double>(samples.size()));
+    how.progress.share(static_cast<double>(first), static_cast<double>(samples.size()));
     start_some(recording, {samples.begin() + first, samples.begin() + first + count}, sensors, loss,
                values, how);
   }
-  if (how.progress) how.progress(1);
+  how.progress.share(1);
 }
 
 bool some_sensor_tells_no_pose(const Rig& rig) {

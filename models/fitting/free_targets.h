@@ -3,10 +3,10 @@
 // joints; the better one stays. A single view, alone with its sensor, is the same problem.
 #pragma once
 
-#include <functional>
 #include <optional>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../estimation/setup.h"
 #include "../rig/recording.h"
 #include "view_poses.h"
@@ -19,8 +19,8 @@ enum class StartEffort { proposed, refined, converged };
 
 struct TargetStarts {
   StartEffort effort = StartEffort::refined;
-  ViewPosesMemory* memory = nullptr;       // of what views proposed before
-  std::function<void(double)> progress{};  // is told which share of the samples is done
+  ViewPosesMemory* memory = nullptr;  // of what views proposed before
+  Progress progress = {};             // is told which share of the samples is done
 };
 
 /// Finds values.targets of every free target that the given samples' views (of `sensors`) see. A

@@ -41,9 +41,8 @@ SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions 
   LevenbergMarquardt solver(problem, options);
   SolveSummary summary;
   for (bool steady = false; !steady;) {
-    summary = solver.solve(state);
-    if (summary.outcome == Outcome::undefined_start || summary.outcome == Outcome::cancelled)
-      return summary;
+    summary = uncancelled(solver.solve(state));
+    if (summary.outcome == Outcome::undefined_start) return summary;
     problem.renew(state);
     const std::vector<double> seen =
         noise_ratios ? *noise_ratios : robust_noise_ratios(rig, problem.residuals(state));

@@ -30,6 +30,7 @@ std::vector<double> robust_noise_ratios(const Rig& rig,
 /// Solves from `state`, in place, with the problem's loss. Its scales fall to the noise ratios of
 /// the data, or to `noise_ratios` where given, and stay there (EstimationSetup::noise_ratios). Each
 /// round goes as far as steps lower the cost by a thousandth: another solve() is to converge.
+/// @throws Cancelled
 SolveSummary solve_graduated(Estimation& problem, const Rig& rig, SolverOptions options,
                              VectorXd& state, const std::vector<double>* noise_ratios = nullptr);
 

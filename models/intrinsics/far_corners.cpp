@@ -22,7 +22,6 @@ Solution plain_fit(const CalibrationOptions& options, OneCamera& camera) {
   best.status = Status::not_converged;
   for (const char* name : {"brown_conrady_2", "brown_conrady_5", "kannala_brandt"}) {
     Solution found = fit_lens(find_lens(name), options, camera);
-    if (found.status == Status::cancelled) return found;
     if (found.usable() && (!best.usable() || found.chi2_data < best.chi2_data))
       best = std::move(found);
   }
@@ -110,26 +109,22 @@ std::vector<IntrinsicsNote> notes_of(const std::string& camera,
 
 }  // namespace
 
-std::optional<std::vector<IntrinsicsNote>> take_out_far(const Rig& rig, int camera,
-                                                        const CalibrationOptions& options,
-                                                        std::vector<Sample>& samples) {
+std::vector<IntrinsicsNote> take_out_far(const Rig& rig, int camera,
+                                         const CalibrationOptions& options,
+                                         std::vector<Sample>& samples) {
   OneCamera alone = one_camera(rig, samples, camera, false);
   const Solution plain = plain_fit(options, alone);
-  if (plain.status == Status::cancelled) return std::nullopt;
-  if (!plain.usable() || !has_far_corners(plain, 0)) return std::vector<IntrinsicsNote>();
-  const std::optional<Cleaned> cleaned = calibrate_without_outliers(plain.recording, options);
-  if (!cleaned) return std::nullopt;
-  if (cleaned->rejected.empty() || !cleaned->no_consensus.empty())
-    return std::vector<IntrinsicsNote>();
-  std::vector<Rejected> rejected = cleaned->rejected;
-  keep_turned_over(cleaned->solution, rejected, alone);
-  if (rejected.empty()) return std::vector<IntrinsicsNote>();
+  if (!plain.usable() || !has_far_corners(plain, 0)) return {};
+  Cleaned cleaned = uncancelled(calibrate_without_outliers(plain.recording, options));
+  if (cleaned.rejected.empty() || !cleaned.no_consensus.empty()) return {};
+  std::vector<Rejected> rejected = std::move(cleaned.rejected);
+  keep_turned_over(cleaned.solution, rejected, alone);
+  if (rejected.empty()) return {};
   size_t corners = 0;
   for (const View* view : alone.views) corners += view->ids.size();
   std::vector<Sample> kept = samples;
   const size_t out = take_out(rig, camera, rejected, kept);
-  if (static_cast<double>(out) > kMostOut * static_cast<double>(corners))
-    return std::vector<IntrinsicsNote>();
+  if (static_cast<double>(out) > kMostOut * static_cast<double>(corners)) return {};
   samples = std::move(kept);
   return notes_of(rig.sensors[camera].name, rejected);
 }

@@ -16,10 +16,10 @@
 namespace kincal {
 
 /// Takes such corners and views of one camera out of the samples of `rig`, and says which. Where a
-/// tenth of the corners would be out, nothing is: then it is the model that is wrong. nullopt:
-/// cancelled.
-std::optional<std::vector<IntrinsicsNote>> take_out_far(const Rig& rig, int camera,
-                                                        const CalibrationOptions& options,
-                                                        std::vector<Sample>& samples);
+/// tenth of the corners would be out, nothing is: then it is the model that is wrong. @throws
+/// Cancelled
+std::vector<IntrinsicsNote> take_out_far(const Rig& rig, int camera,
+                                         const CalibrationOptions& options,
+                                         std::vector<Sample>& samples);
 
 }  // namespace kincal

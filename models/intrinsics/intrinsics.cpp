@@ -27,15 +27,15 @@ constexpr double kSurelyBent = 3;   // standard errors by which bent boards are 
 
 // ------------------------------------------------------------------------------------------------
 // the choice of a lens
-/// Cross-validates a solution from where it stands; nullopt: cancelled. Without enough samples the
-/// result has no sensors.
-std::optional<CrossValidation> hold_out(const Solution& solution, const CalibrationOptions& options,
-                                        int folds) {
+/// Cross-validates a solution from where it stands. Without enough samples the result has no
+/// sensors.
+CrossValidation hold_out(const Solution& solution, const CalibrationOptions& options, int folds) {
   const auto samples = static_cast<int>(solution.samples().size());
   if (samples < 3) return CrossValidation();
   try {
-    return cross_validate(make_recording(solution.recording->with_rig(at_solution(solution))),
-                          options, std::clamp(folds, 2, samples));
+    return uncancelled(
+        cross_validate(make_recording(solution.recording->with_rig(at_solution(solution))), options,
+                       std::clamp(folds, 2, samples)));
   } catch (const std::invalid_argument&) {  // too few that can be held out
     return CrossValidation();
   }
@@ -57,24 +57,22 @@ void compare(std::vector<LensTrial>& trials) {
     if (t.unusable.empty()) std::tie(t.worse, t.worse_sigma) = worse_by(t.blocks, best->blocks);
 }
 
-/// Tries all lenses on one camera; false: cancelled.
-bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntrinsics& out) {
+/// Tries all lenses on one camera.
+void try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntrinsics& out) {
   for (const LensModel& model : lens_models()) {
-    options.tell("lens of '" + camera.rig.sensors[0].name + "': " + model.name);
+    options.progress.stage("lens of '" + camera.rig.sensors[0].name + "': " + model.name);
     LensTrial trial;
     trial.model = &model;
     const Solution solution = fit_lens(model, options, camera);
-    if (solution.status == Status::cancelled) return false;
     trial.unusable = why_unusable(solution);
     if (solution.usable()) {
       trial.rms = training_rms(solution, 0);
       trial.loose = !(looseness(solution["sensor/" + camera.rig.sensors[0].name + "/intrinsics"],
                                 trial.rms / std::sqrt(2), camera.rig.sensors[0].sigma[0]) <=
                       scales(ParameterKind::intrinsics, "px").open);
-      const std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
-      if (!held_out) return false;
-      if (!held_out->sensors.empty()) trial.held_out = held_out->sensors[0].rms;
-      trial.blocks = blocks(*held_out);
+      const CrossValidation held_out = hold_out(solution, options, options.folds);
+      if (!held_out.sensors.empty()) trial.held_out = held_out.sensors[0].rms;
+      trial.blocks = blocks(held_out);
     }
     out.trials.push_back(std::move(trial));
   }
@@ -84,7 +82,6 @@ bool try_lenses(const IntrinsicsOptions& options, OneCamera& camera, CameraIntri
     if (t.unusable.empty() && (t.blocks.size() < most || !std::isfinite(t.held_out)))
       t.unusable = "some samples cannot be judged";
   compare(out.trials);
-  return true;
 }
 
 const LensTrial* chosen(const std::vector<LensTrial>& trials) {
@@ -93,13 +90,13 @@ const LensTrial* chosen(const std::vector<LensTrial>& trials) {
   return nullptr;
 }
 
-/// Finds the lens of a camera and where it starts; nullopt: cancelled.
-std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& camera,
-                                  std::vector<IntrinsicsNote>& notes, CameraIntrinsics& out) {
+/// Finds the lens of a camera and where it starts.
+Sensor find_camera(const IntrinsicsOptions& options, OneCamera& camera,
+                   std::vector<IntrinsicsNote>& notes, CameraIntrinsics& out) {
   const std::string& name = camera.rig.sensors[0].name;
   const LensModel& given = own_lens(camera.rig.sensors[0]);
   if (options.model == "auto") {
-    if (!try_lenses(options, camera, out)) return std::nullopt;
+    try_lenses(options, camera, out);
     const LensTrial* best = chosen(out.trials);
     out.model = best && !best->loose ? best->model : &given;
     if (out.model == &given && (!best || best->loose))
@@ -116,7 +113,7 @@ std::optional<Sensor> find_camera(const IntrinsicsOptions& options, OneCamera& c
     if (model.lens == Lens::kannala_brandt && out.model->lens != model.lens) continue;
     if (model.lens != Lens::kannala_brandt && out.model->lens == Lens::kannala_brandt) continue;
     if (!out.trials.empty() || model.numbers() >= out.model->numbers()) break;
-    if (fit_lens(model, options, camera).status == Status::cancelled) return std::nullopt;
+    fit_lens(model, options, camera);
   }
   return best_start(camera, *out.model);
 }
@@ -172,21 +169,20 @@ Status graver(Status a, Status b) {
 
 /// Estimates a group with its noise. Where the views determine so little that the plain fit leads
 /// nowhere (a focal length runs away from parallel boards), intrinsics are held to where they start
-/// by a prior as wide as the focal length: `held` says so. nullopt: cancelled.
-std::optional<NoiseEstimate> estimate_group(Rig rig, const std::vector<Sample>& samples,
-                                            const CalibrationOptions& options, bool& held) {
+/// by a prior as wide as the focal length: `held` says so.
+NoiseEstimate estimate_group(Rig rig, const std::vector<Sample>& samples,
+                             const CalibrationOptions& options, bool& held) {
   const std::shared_ptr<const Recording> plain = make_recording(rig, samples);
-  std::optional<NoiseEstimate> out = estimate_noise(plain, options);
-  held = out && !out->solution.usable();
+  NoiseEstimate out = uncancelled(estimate_noise(plain, options));
+  held = !out.solution.usable();
   if (!held) return out;
   for (const Sensor& camera : rig.sensors) {
     const double wide = find_block(camera, ParameterKind::intrinsics)->values[0];
     rig.steps[0].priors.push_back(
         {"sensor/" + camera.name + "/intrinsics", wide, wide, false, "intrinsics"});
   }
-  std::optional<NoiseEstimate> again =
-      estimate_noise(make_recording(plain->with_rig(rig)), options);
-  if (!again || again->solution.usable()) return again;
+  NoiseEstimate again = uncancelled(estimate_noise(make_recording(plain->with_rig(rig)), options));
+  if (again.solution.usable()) return again;
   held = false;
   return out;
 }
@@ -198,20 +194,15 @@ struct GroupFit {
   bool held = false;  // as estimate_group()
 };
 
-/// nullopt: cancelled.
-std::optional<GroupFit> fit_group(const Rig& rig, const std::vector<Sample>& samples,
-                                  const IntrinsicsOptions& options) {
+GroupFit fit_group(const Rig& rig, const std::vector<Sample>& samples,
+                   const IntrinsicsOptions& options) {
   GroupFit out;
-  std::optional<NoiseEstimate> estimate = estimate_group(rig, samples, options, out.held);
-  if (!estimate) return std::nullopt;
-  const Solution& solution = estimate->solution;
+  out.estimate = estimate_group(rig, samples, options, out.held);
+  const Solution& solution = out.estimate.solution;
   if (solution.status == Status::undefined_start) throw std::runtime_error(solution.message);
   for (const std::string& lost : solution.lost_starts)
     throw std::runtime_error(lost + ": nothing ties it to the other cameras");
-  std::optional<CrossValidation> held_out = hold_out(solution, options, options.folds);
-  if (!held_out) return std::nullopt;
-  out.estimate = std::move(*estimate);
-  out.held_out = std::move(*held_out);
+  out.held_out = hold_out(solution, options, options.folds);
   return out;
 }
 
@@ -226,8 +217,8 @@ struct Group {
 };
 
 /// Chooses the lens of each camera by itself; `rig` is that of all cameras, its boards flat or as
-/// bent as they are to start from. False: cancelled.
-bool find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
+/// bent as they are to start from.
+void find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
                  const IntrinsicsOptions& options, Group& group,
                  std::vector<IntrinsicsNote>& notes) {
   group.rig = bench(rig, group.cameras);
@@ -237,14 +228,12 @@ bool find_lenses(const Rig& rig, const std::vector<Sample>& samples, bool bent,
     CameraIntrinsics& found = group.found[s];
     found.trials.clear();
     group.alone.push_back(one_camera(rig, samples, group.cameras[s], bent));
-    const std::optional<Sensor> start = find_camera(options, group.alone.back(), notes, found);
-    if (!start) return false;
-    group.rig.sensors[s].model = start->model;
-    group.rig.sensors[s].parameters = start->parameters;
+    const Sensor start = find_camera(options, group.alone.back(), notes, found);
+    group.rig.sensors[s].model = start.model;
+    group.rig.sensors[s].parameters = start.parameters;
     group.lenses.push_back(found.model);
   }
   set_steps(group.lenses, group.rig);
-  return true;
 }
 
 /// A group with another lens for one of its cameras, and its fit with the rig's sigmas.
@@ -256,9 +245,9 @@ struct GroupTrial {
 };
 
 /// The lenses of one camera of a group that surely take something off the chi2 of all, those with
-/// the fewest numbers first. nullopt: cancelled.
-std::optional<std::vector<GroupTrial>> changes(const Group& group, const Solution& now,
-                                               const CalibrationOptions& options) {
+/// the fewest numbers first.
+std::vector<GroupTrial> changes(const Group& group, const Solution& now,
+                                const CalibrationOptions& options) {
   std::vector<GroupTrial> out;
   for (size_t s = 0; s < group.cameras.size(); ++s)
     for (const LensTrial& t : group.found[s].trials) {
@@ -272,8 +261,8 @@ std::optional<std::vector<GroupTrial>> changes(const Group& group, const Solutio
       std::vector<const LensModel*> lenses = group.lenses;
       lenses[s] = t.model;
       set_steps(lenses, rig);
-      trial.solution = calibrate(make_recording(now.recording->with_rig(std::move(rig))), options);
-      if (trial.solution.status == Status::cancelled) return std::nullopt;
+      trial.solution =
+          uncancelled(calibrate(make_recording(now.recording->with_rig(std::move(rig))), options));
       if (trial.solution.status != Status::converged) continue;
       trial.gain =
           (now.chi2_data - trial.solution.chi2_data) / trial.solution.chi2_per_dof() - 2 * more;
@@ -288,22 +277,20 @@ std::optional<std::vector<GroupTrial>> changes(const Group& group, const Solutio
 
 /// Chooses lenses of a group once more by all of its cameras: what one lacks shows in where the
 /// others stand, and a number that is too small to be seen by one alone pulls those of the others
-/// by many sigmas. False: cancelled.
-bool choose_together(const IntrinsicsOptions& options, Group& group) {
-  if (group.cameras.size() < 2 || options.model != "auto") return true;
-  options.tell("lenses of all cameras together");
-  Solution now = calibrate(make_recording(group.rig, group.samples), options);
+/// by many sigmas.
+void choose_together(const IntrinsicsOptions& options, Group& group) {
+  if (group.cameras.size() < 2 || options.model != "auto") return;
+  options.progress.stage("lenses of all cameras together");
+  Solution now = uncancelled(calibrate(make_recording(group.rig, group.samples), options));
   std::optional<CrossValidation> held_out;
   bool changed = now.status == Status::converged;
   while (changed) {
     changed = false;
-    std::optional<std::vector<GroupTrial>> trials = changes(group, now, options);
-    if (!trials) return false;
-    for (GroupTrial& trial : *trials) {
+    std::vector<GroupTrial> trials = changes(group, now, options);
+    for (GroupTrial& trial : trials) {
       if (!held_out) held_out = hold_out(now, options, options.folds);
-      std::optional<CrossValidation> after = hold_out(trial.solution, options, options.folds);
-      if (!held_out || !after) return false;
-      changed = rms_of(blocks(*after)) < rms_of(blocks(*held_out));
+      CrossValidation after = hold_out(trial.solution, options, options.folds);
+      changed = rms_of(blocks(after)) < rms_of(blocks(*held_out));
       if (!changed) continue;
       held_out = std::move(after);
       now = std::move(trial.solution);
@@ -314,46 +301,43 @@ bool choose_together(const IntrinsicsOptions& options, Group& group) {
       break;
     }
   }
-  return now.status != Status::cancelled;
 }
 
 /// Fits the group again with boards that may be bent, from where it stands. Where they may
 /// (options.warp) and it is better on what was held out, that stays, and the lenses are chosen
-/// again with such boards, for a bent board looks like a lens. False: cancelled.
-bool try_warp(const Rig& given, const std::vector<Sample>& samples,
+/// again with such boards, for a bent board looks like a lens.
+void try_warp(const Rig& given, const std::vector<Sample>& samples,
               const IntrinsicsOptions& options, Group& group, GroupFit& fit,
               std::optional<WarpTrial>& trial) {
   Rig rig = at_solution(fit.estimate.solution);
-  if (fit.held || fit.held_out.sensors.empty() || !bend_boards(group.samples, rig)) return true;
+  if (fit.held || fit.held_out.sensors.empty() || !bend_boards(group.samples, rig)) return;
   const HeldOutBlocks flat = blocks(fit.held_out);
-  const auto better = [&](const Rig& bent) {
-    options.tell("boards that may be bent");
-    std::optional<GroupFit> warped = fit_group(bent, group.samples, options);
-    if (!warped) return false;
-    const HeldOutBlocks after = blocks(warped->held_out);
-    if (!warped->estimate.solution.usable() || after.size() != flat.size()) return true;
+  const auto fit_bent = [&](const Rig& bent) {
+    options.progress.stage("boards that may be bent");
+    GroupFit warped = fit_group(bent, group.samples, options);
+    const HeldOutBlocks after = blocks(warped.held_out);
+    if (!warped.estimate.solution.usable() || after.size() != flat.size()) return;
     trial = WarpTrial{rms_of(flat), rms_of(after)};
     std::tie(trial->better, trial->better_sigma) = worse_by(flat, after);
-    for (const Target& target : at_solution(warped->estimate.solution).targets)
+    for (const Target& target : at_solution(warped.estimate.solution).targets)
       trial->largest = std::max(trial->largest, target.warp.cwiseAbs().maxCoeff());
     trial->kept = options.warp && trial->better > trial->better_sigma;
-    if (trial->kept) fit = std::move(*warped);
-    return true;
+    if (trial->kept) fit = std::move(warped);
   };
-  if (!better(rig)) return false;
-  if (!trial || !trial->kept || options.model != "auto") return true;
+  fit_bent(rig);
+  if (!trial || !trial->kept || options.model != "auto") return;
   const std::vector<const LensModel*> before = group.lenses;
   Rig bent = given;
   bent.targets = at_solution(fit.estimate.solution).targets;
   std::vector<IntrinsicsNote> said;  // as of flat boards
-  if (!find_lenses(bent, samples, true, options, group, said)) return false;
-  if (group.lenses == before) return true;
+  find_lenses(bent, samples, true, options, group, said);
+  if (group.lenses == before) return;
   bend_boards(group.samples, group.rig);
-  return better(group.rig);
+  fit_bent(group.rig);
 }
 
 /// Says where each camera of a group explains its views by itself, but not all together do; `fit`
-/// is of all. A solution of one that is cancelled says nothing.
+/// is of all.
 std::vector<IntrinsicsNote> views_apart(const Rig& rig, const std::vector<Sample>& samples,
                                         const IntrinsicsOptions& options, const Group& group,
                                         const Solution& fit) {
@@ -370,8 +354,8 @@ std::vector<IntrinsicsNote> views_apart(const Rig& rig, const std::vector<Sample
   return apart(names, alone, together);
 }
 
-/// Calibrates cameras together and adds them to the result; false: cancelled.
-bool calibrate_group(const Rig& rig, const std::vector<Sample>& given,
+/// Calibrates cameras together and adds them to the result.
+void calibrate_group(const Rig& rig, const std::vector<Sample>& given,
                      const std::vector<int>& cameras, const IntrinsicsOptions& options,
                      IntrinsicsResult& result) {
   Group group{cameras, std::vector<CameraIntrinsics>(cameras.size()), {}, {}, {}, {}};
@@ -393,14 +377,12 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& given,
     say(wrong);
     say(copied_views(one, seen, 0));
     if (mistaken[s]) continue;
-    const auto far = take_out_far(rig, cameras[s], options, samples);
-    if (!far) return false;
-    say(*far);
+    say(take_out_far(rig, cameras[s], options, samples));
   }
   group.samples = seen_by(rig, samples, cameras);
   bool any = std::count(mistaken.begin(), mistaken.end(), 1) > 0;
   std::vector<IntrinsicsNote> of_lenses;
-  if (!find_lenses(rig, samples, false, options, group, of_lenses)) return false;
+  find_lenses(rig, samples, false, options, group, of_lenses);
   for (size_t s = 0; s < cameras.size(); ++s) {
     if (mistaken[s]) continue;
     const std::vector<IntrinsicsNote> said =
@@ -410,16 +392,14 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& given,
     say(said);
   }
   if (!any) say(of_lenses);  // else the choice of a lens follows from that
-  if (!any && !choose_together(options, group)) return false;
-  std::optional<GroupFit> fitted = fit_group(group.rig, group.samples, options);
-  if (!fitted) return false;
+  if (!any) choose_together(options, group);
+  GroupFit fitted = fit_group(group.rig, group.samples, options);
   std::optional<WarpTrial> warp;
-  if ((options.warp || !any) && !try_warp(rig, samples, options, group, *fitted, warp))
-    return false;
+  if (options.warp || !any) try_warp(rig, samples, options, group, fitted, warp);
   if (!options.warp && warp && warp->better > kSurelyBent * warp->better_sigma)
     say({bent_boards(warp->flat, warp->warped, warp->largest)});
   result.groups.push_back(
-      {std::move(fitted->estimate.solution), cameras, options.warp ? warp : std::nullopt});
+      {std::move(fitted.estimate.solution), cameras, options.warp ? warp : std::nullopt});
   const Solution& solution = result.groups.back().solution;
   if (!any && cameras.size() > 1) {
     const std::vector<IntrinsicsNote> said = views_apart(rig, samples, options, group, solution);
@@ -427,15 +407,14 @@ bool calibrate_group(const Rig& rig, const std::vector<Sample>& given,
     mistaken.assign(cameras.size(), any);
     say(said);
   }
-  Status status = fitted->held ? Status::unobservable : solution.status;
+  Status status = fitted.held ? Status::unobservable : solution.status;
   for (size_t s = 0; s < cameras.size(); ++s) {
     CameraIntrinsics& camera = group.found[s];
-    describe(solution, fitted->estimate.levels, fitted->held_out, camera);
+    describe(solution, fitted.estimate.levels, fitted.held_out, camera);
     status = graver(status, judge_camera(solution, camera, mistaken[s], result.notes));
     result.cameras.push_back(std::move(camera));
   }
   result.status = graver(result.status, status);
-  return true;
 }
 
 /// Says of a camera that it was found on the other side of the reference than the rig has it.
@@ -467,7 +446,7 @@ void note_exchanged(const Rig& rig, const IntrinsicsResult& result, const Camera
 
 std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
                                                      const std::vector<Sample>& samples,
-                                                     const IntrinsicsOptions& given) {
+                                                     const IntrinsicsOptions& given) try {
   IntrinsicsOptions options = given;
   options.noise = NoiseMode::none;
   if (options.model != "auto" && options.model != "rig") find_lens(options.model);
@@ -482,7 +461,7 @@ std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
   IntrinsicsResult out;
   try {
     for (const std::vector<int>& group : camera_groups(rig, samples, cameras))
-      if (!calibrate_group(rig, samples, group, options, out)) return std::nullopt;
+      calibrate_group(rig, samples, group, options, out);
   } catch (const std::runtime_error& error) {
     if (out.notes.empty()) throw;
     throw std::runtime_error(out.notes[0].text + " (" + error.what() + ")");
@@ -492,6 +471,8 @@ std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
       out.cameras.begin(), out.cameras.end(),
       [](const CameraIntrinsics& a, const CameraIntrinsics& b) { return a.camera < b.camera; });
   return out;
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 Sensor calibrated_camera(const Rig& rig, const IntrinsicsResult& result,

@@ -93,7 +93,7 @@ struct IntrinsicsResult {
 };
 
 /// Calibrates all cameras of a rig. `samples` are of without_robot(rig); those that are held out
-/// take no part. nullopt: options.progress cancelled.
+/// take no part. nullopt: cancelled.
 /// @throws std::invalid_argument: there is no such lens, no camera sees a board; std::runtime_error
 /// where a calibration cannot start.
 std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,

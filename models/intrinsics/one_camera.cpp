@@ -154,7 +154,7 @@ Solution fit_lens(const LensModel& model, const CalibrationOptions& options, One
   rig.sensors[0] = best_start(camera, model);
   set_steps({&model}, rig);
   if (camera.bent) bend_boards(camera.samples, rig);
-  Solution solution = calibrate(make_recording(rig, camera.samples), options);
+  Solution solution = uncancelled(calibrate(make_recording(rig, camera.samples), options));
   if (solution.usable()) camera.starts.push_back(at_solution(solution).sensors[0]);
   return solution;
 }

@@ -45,7 +45,7 @@ bool is_decisive(const LensSplit& split, double left);
 LensSplit split_by_lens(const std::vector<LensEquations>& views);
 
 /// Says which views of a camera are of another lens than the others, or were turned: two fits that
-/// leave as much less as the split says. Nothing where none are, or where it is cancelled. `camera`
+/// leave as much less as the split says. Nothing where none are. `camera`
 /// is fitted with `model`.
 std::vector<IntrinsicsNote> views_of_another_lens(const LensModel& model,
                                                   const CalibrationOptions& options,

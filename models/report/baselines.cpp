@@ -31,7 +31,7 @@ Solution as_given(const Rig& given, const Solution& solution, const CalibrationO
   if (!step.free.empty()) {
     StepVariations once;  // it fits badly: that is no reason to try other starts
     once.before_step = [](const StepPlan&, const VectorXd&, VectorXd&) {};
-    return calibrate(with_steps(*recording, {step}), options_of_steps(options), once);
+    return uncancelled(calibrate(with_steps(*recording, {step}), options_of_steps(options), once));
   }
   Solution out;
   out.initial = out.values.shared = recording->table.initial;
@@ -110,16 +110,14 @@ void add_rows(const Rig& rig, int sensor, const Blocks& blocks, const BaselineSu
 
 }  // namespace
 
-bool add_baselines(const Rig& given, const Solution& solution, const VectorXd& mounts,
+void add_baselines(const Rig& given, const Solution& solution, const VectorXd& mounts,
                    const CalibrationOptions& options, const std::vector<int>& index,
                    BaselineSums& sums) {
   sums.mounts.add(*solution.recording, held_out_as_read(solution, mounts), index);
-  if (!gives_poses(given)) return true;
+  if (!gives_poses(given)) return;
   const Solution rig = as_given(given, solution, options);
-  if (rig.status == Status::cancelled) return false;
   if (rig.status != Status::undefined_start)
     sums.rig.add(*rig.recording, held_out_as_read(rig, rig.values.shared), index);
-  return true;
 }
 
 std::optional<VectorXd> mounts_alone(const Solution& solution, const CalibrationOptions& options) {
@@ -132,7 +130,7 @@ std::optional<VectorXd> mounts_alone(const Solution& solution, const Calibration
   for (const Parameter& p : solution.table().all)
     if (p.pose && std::count(steps[0].free.begin(), steps[0].free.end(), p.name))
       near.start->segment(p.start, 12) = solution.values.shared.segment(p.start, 12);
-  const Solution found = calibrate(solution.recording, mounts, near);
+  const Solution found = uncancelled(calibrate(solution.recording, mounts, near));
   if (!found.usable() && found.status != Status::not_converged) return std::nullopt;
   return found.values.shared;
 }

@@ -44,13 +44,13 @@ struct BaselineSums {
 };
 
 /// Adds the held-out residuals of the rig as given, which has no steps, and of the mounts alone,
-/// whose shared values are `mounts`; `index` as of HeldOutSums::add(). False: cancelled.
-bool add_baselines(const Rig& given, const Solution& solution, const VectorXd& mounts,
+/// whose shared values are `mounts`; `index` as of HeldOutSums::add(). @throws Cancelled
+void add_baselines(const Rig& given, const Solution& solution, const VectorXd& mounts,
                    const CalibrationOptions& options, const std::vector<int>& index,
                    BaselineSums& sums);
 
 /// Returns the shared values with the mounts alone estimated from the training samples of a
-/// solution of the automatic path. nullopt: cancelled, or no start.
+/// solution of the automatic path; nullopt: no start. @throws Cancelled
 std::optional<VectorXd> mounts_alone(const Solution& solution, const CalibrationOptions& options);
 
 /// Compares on what both the mounts alone and the whole calibration could be judged on.

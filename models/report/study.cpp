@@ -27,17 +27,12 @@
 namespace kincal {
 namespace {
 
-struct StudyCancelled {};
-
 // Noise on the automatic path.
 constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
 constexpr int kLevelRounds = 4;
 constexpr double kLooksResized = 0.5;  // share of a mistake from which a length is looked for
 
-bool ended(const Solution& solution) {
-  if (solution.status == Status::cancelled) throw StudyCancelled();
-  return solution.status == Status::undefined_start;
-}
+bool cannot_start(const Solution& solution) { return solution.status == Status::undefined_start; }
 
 AutomaticOptions automatic_options(const StudyOptions& options) {
   AutomaticOptions out;
@@ -64,15 +59,9 @@ void add_diagnosis(const Recording& recording, const StudyOptions& options, Repo
   const Status status = report.solution.status;
   if (status == Status::undefined_start) doctor.ended = Ended::cannot_start;
   if (status == Status::not_converged) doctor.ended = Ended::not_converged;
-  const CalibrationOptions& calibration = options.calibration;
-  const char* const what = "looking for mistakes";
-  doctor.progress = [&](int done, int of) {
-    if (done >= 0) calibration.tell(what, done / std::max(1.0, static_cast<double>(of)));
-    return !calibration.progress || calibration.progress(what, 0, kNan, kNan);
-  };
-  report.diagnosis = diagnose(recording, doctor);
-  calibration.tell(what, 1);
-  if (!report.diagnosis) throw StudyCancelled();
+  doctor.progress = options.calibration.progress.in("looking for mistakes");
+  report.diagnosis = uncancelled(diagnose(recording, doctor));
+  doctor.progress.share(1);
 }
 
 /// Sizes, baselines and lenses that came out so far from the rig's that somebody was mistaken, or
@@ -231,8 +220,7 @@ bool calibrate_with(const Recording& stated, std::vector<NoiseLevel> levels,
   std::vector<NoiseLevel> used = levels;
   for (NoiseLevel& level : used) level.seen = level.used;
   AutomaticCalibration found =
-      calibrate_automatically(scale_noise(stated, used), automatic_options(options));
-  if (found.solution.status == Status::cancelled) throw StudyCancelled();
+      uncancelled(calibrate_automatically(scale_noise(stated, used), automatic_options(options)));
   if (!found.solution.usable()) return false;
   take(std::move(found), report);
   report.noise_levels = std::move(levels);
@@ -246,13 +234,12 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
   const std::shared_ptr<const Recording> first = report.solution.recording;
   std::shared_ptr<const Recording> recording = first;
   for (int round = 0; round < kLevelRounds && !rounds.converged; ++round) {
-    std::optional<NoiseEstimate> estimate = estimate_noise(recording, calibration);
-    if (!estimate) throw StudyCancelled();
-    if (!estimate->solution.usable()) return;
-    rounds.count += estimate->rounds;
+    NoiseEstimate estimate = uncancelled(estimate_noise(recording, calibration));
+    if (!estimate.solution.usable()) return;
+    rounds.count += estimate.rounds;
     const double moved =
-        bound_levels(first->rig, recording->rig, estimate->solution.rig(), estimate->levels);
-    if (!calibrate_with(*first, std::move(estimate->levels), options, report)) return;
+        bound_levels(first->rig, recording->rig, estimate.solution.rig(), estimate.levels);
+    if (!calibrate_with(*first, std::move(estimate.levels), options, report)) return;
     rounds.converged = moved < kLevelsAtRest;
     report.noise_estimated = rounds;
     recording = report.solution.recording;
@@ -329,40 +316,39 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
   std::shared_ptr<const Recording> left = recording;
   bool solved = false;
   if (options.reject) {
-    std::optional<Cleaned> clean = calibrate_without_outliers(left, calibration);
-    if (!clean) throw StudyCancelled();
-    report.solution = std::move(clean->solution);
-    report.rejected = std::move(clean->rejected);
-    report.no_consensus = std::move(clean->no_consensus);
+    Cleaned clean = uncancelled(calibrate_without_outliers(left, calibration));
+    report.solution = std::move(clean.solution);
+    report.rejected = std::move(clean.rejected);
+    report.no_consensus = std::move(clean.no_consensus);
     left = report.solution.recording;
     solved = !automatic;
-    if (ended(report.solution)) return recording;
+    if (cannot_start(report.solution)) return recording;
   }
   if (automatic) {
-    take(calibrate_automatically(*left, automatic_options(options)), report);
+    take(uncancelled(calibrate_automatically(*left, automatic_options(options))), report);
     solved = true;
-    if (ended(report.solution)) return recording;
+    if (cannot_start(report.solution)) return recording;
     find_noise(options, calibration, report);
     say_groups_without_effect(options.groups, report);
     left = report.solution.recording;
   }
   const bool guessed = !automatic && guesses_noise(left->rig) && can_estimate_noise(calibration);
   if (options.estimate_noise || guessed) {
-    std::optional<NoiseEstimate> estimate =
-        estimate_noise(left, calibration, options.estimate_noise ? nullptr : is_guessed);
-    if (!estimate) throw StudyCancelled();
-    report.solution = std::move(estimate->solution);
+    NoiseEstimate estimate = uncancelled(
+        estimate_noise(left, calibration, options.estimate_noise ? nullptr : is_guessed));
+    report.solution = std::move(estimate.solution);
     if (options.estimate_noise) {
-      report.noise_levels = std::move(estimate->levels);
-      report.noise_estimated = NoiseRounds{estimate->rounds, estimate->converged};
+      report.noise_levels = std::move(estimate.levels);
+      report.noise_estimated = NoiseRounds{estimate.rounds, estimate.converged};
     }
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
     if (automatic && report.solution.usable())  // what may be wrong is to be learned with these
-      take(calibrate_automatically(*report.solution.recording, automatic_options(options)), report);
+      take(uncancelled(
+               calibrate_automatically(*report.solution.recording, automatic_options(options))),
+           report);
   }
-  if (!solved) report.solution = calibrate(left, calibration);
-  ended(report.solution);
+  if (!solved) report.solution = uncancelled(calibrate(left, calibration));
   return automatic ? make_recording(recording->with_rig(report.solution.rig())) : recording;
 }
 
@@ -400,8 +386,7 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
   };
   if (automatic && judged) {
     const std::vector<int> all = indices(solution.samples().size());
-    if (!add_baselines(as_it_is, solution, report.mounts, options.calibration, all, sums))
-      throw StudyCancelled();
+    add_baselines(as_it_is, solution, report.mounts, options.calibration, all, sums);
     sums.automatic.add(*solution.recording, report.residuals, all);
     compare(make_blocks(solution.rig(), solution.samples()));
   }
@@ -409,13 +394,12 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
   FoldJudge fold;
   if (automatic && !judged)
     fold = [&](const Solution& found, const std::vector<int>& index) {
-      const std::optional<VectorXd> mounts = mounts_alone(found, options.calibration);
-      return !mounts || add_baselines(as_it_is, found, *mounts, options.calibration, index, sums);
+      if (const std::optional<VectorXd> mounts = mounts_alone(found, options.calibration))
+        add_baselines(as_it_is, found, *mounts, options.calibration, index, sums);
     };
-  validation.cross_validation =
+  validation.cross_validation = uncancelled(
       cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
-                     options.calibration, options.cross_validate, options.reject, fold);
-  if (!validation.cross_validation) throw StudyCancelled();
+                     options.calibration, options.cross_validate, options.reject, fold));
   if (!fold) return;
   sums.automatic = validation.cross_validation->sums;
   compare(validation.cross_validation->blocks);
@@ -424,40 +408,31 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
 void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
              Report& report) {
   const CalibrationOptions& calibration = options.calibration;
-  const auto part = [&](double from, double to) {
-    return [&calibration, from, to](double share) {
-      calibration.tell("uncertainties and residuals", from + (to - from) * share);
-    };
-  };
+  const Progress progress = calibration.progress.in("uncertainties and residuals");
   const Linearisation at = linearise(report.solution);
-  report.leverage = leverage(at, part(0, 0.2));
+  report.leverage = leverage(at, progress.between(0, 0.2));
   report.data = data_equations(at);
   at.drop_reduced_rows();
   report.explanation = explain(at);
   std::vector<ViewResiduals> views = at.problem().residuals(at.state());
-  const std::vector<NoiseLevel> levels = noise_levels(at, views, part(0.3, 0.6));
+  const std::vector<NoiseLevel> levels = noise_levels(at, views, progress.between(0.3, 0.6));
   if (!report.noise_estimated) report.noise_levels = levels;
   for (NoiseLevel& level : report.noise_levels)  // what nobody states is as it was found last
     for (const NoiseLevel& now : levels)
       if (level.guess > 0 && now.of == level.of && now.part == level.part) level = now;
-  report.residuals = residuals(at, std::move(views), part(0.4, 1));
-  part(0, 1)(1);
+  report.residuals = residuals(at, std::move(views), progress.between(0.4, 1));
+  progress.share(1);
   report.misfits = misfits(report.solution, report.residuals);
   report.trends = trends(report.solution);
   report.jumps = jumps(report.solution);
   const Solution& solution = report.solution;
   const bool badly =
       solution.status == Status::not_converged || solution.chi2_data > 10 * solution.dof_data;
-  if (badly && !options.reject) {
-    std::optional<std::vector<Rejected>> outliers =
-        find_outliers(solution.recording, options.calibration);
-    if (!outliers) throw StudyCancelled();
-    report.outliers = std::move(*outliers);
-  }
-  if (options.restarts > 0 &&
-      !(report.restarts = restarts(solution, options.calibration, options.restarts)))
-    throw StudyCancelled();
-  calibration.tell("loops");
+  if (badly && !options.reject)
+    report.outliers = uncancelled(find_outliers(solution.recording, calibration));
+  if (options.restarts > 0)
+    report.restarts = uncancelled(restarts(solution, calibration, options.restarts));
+  calibration.progress.stage("loops");
   if (options.loops) {
     report.loop_views = loop_views(solution);
     report.loops = loops(solution, report.loop_views);
@@ -466,7 +441,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   add_held_out(as_it_is, given, options, report);
   Validation& validation = report.validation;
   if (!options.frames.empty()) {
-    calibration.tell("frames");
+    calibration.progress.stage("frames");
     const Unknowns unknowns = last_unknowns(at);
     for (const Frame& frame : options.frames)
       validation.frames.push_back(report_frame(solution, unknowns, frame));
@@ -479,48 +454,44 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
 }  // namespace
 
 std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
-                            const StudyOptions& options) {
+                            const StudyOptions& options) try {
   Report report;
   report.input = find_implausible(recording->rig, recording->samples);
-  try {
-    const bool centre = recording->rig.steps.empty() && !recording->rig.nominal.empty();
-    const std::shared_ptr<const Recording> given =
-        solve(centre ? make_recording(recording->with_rig(centred(recording->rig))) : recording,
-              options, report);
-    const Solution& solution = report.solution;
-    const bool undefined = solution.status == Status::undefined_start;
-    if (!undefined) analyse(recording->rig, *given, options, report);
-    const bool whole = options.calibration.last_step.empty(),
-               badly = solution.status != Status::converged ||
-                       solution.chi2_data > kUnexplained * solution.dof_data;
-    const double noise = beyond_guess(report);  // with a guess a mistake looks like noise
-    // (Where a pose that nobody gave is held in part, that is why: other mistakes cannot be told.)
-    const std::optional<Notice> held =
-        badly && recording->rig.steps.empty() ? counts_from_identity(solution) : std::nullopt;
-    if (undefined && held)
-      report.solution.message =
-          sentences(*held) + ". So no calibration can start: " + report.solution.message;
-    if (!held &&
-        (options.diagnose
-             ? badly || noise > kUnexplained
-             : whole && solution.usable() && std::max(data_misfit(report), noise) > kMistaken) &&
-        !report.diagnosis) {
-      const Recording used = undefined ? *given : as_guessed(report, given->rig);
-      // (What the automatic path frees may take a mistake up.)
-      add_diagnosis(recording->rig.steps.empty() ? used.with_rig(recording->rig) : used, options,
-                    report);
-      if (!badly && !finds_a_mistake(*report.diagnosis)) report.diagnosis.reset();
-    } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
-      look_for_what_was_taken_up(recording->rig, options, report);
-    }
-    if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
-      find_wrong_length(mistaken_numbers(report, kLooksResized), report);
-    if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
-      Notices other = not_as_given(solution, report.residuals);
-      if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);
-    }
-  } catch (const StudyCancelled&) {
-    return std::nullopt;
+  const bool centre = recording->rig.steps.empty() && !recording->rig.nominal.empty();
+  const std::shared_ptr<const Recording> given =
+      solve(centre ? make_recording(recording->with_rig(centred(recording->rig))) : recording,
+            options, report);
+  const Solution& solution = report.solution;
+  const bool undefined = solution.status == Status::undefined_start;
+  if (!undefined) analyse(recording->rig, *given, options, report);
+  const bool whole = options.calibration.last_step.empty(),
+             badly = solution.status != Status::converged ||
+                     solution.chi2_data > kUnexplained * solution.dof_data;
+  const double noise = beyond_guess(report);  // with a guess a mistake looks like noise
+  // (Where a pose that nobody gave is held in part, that is why: other mistakes cannot be told.)
+  const std::optional<Notice> held =
+      badly && recording->rig.steps.empty() ? counts_from_identity(solution) : std::nullopt;
+  if (undefined && held)
+    report.solution.message =
+        sentences(*held) + ". So no calibration can start: " + report.solution.message;
+  if (!held &&
+      (options.diagnose
+           ? badly || noise > kUnexplained
+           : whole && solution.usable() && std::max(data_misfit(report), noise) > kMistaken) &&
+      !report.diagnosis) {
+    const Recording used = undefined ? *given : as_guessed(report, given->rig);
+    // (What the automatic path frees may take a mistake up.)
+    add_diagnosis(recording->rig.steps.empty() ? used.with_rig(recording->rig) : used, options,
+                  report);
+    if (!badly && !finds_a_mistake(*report.diagnosis)) report.diagnosis.reset();
+  } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
+    look_for_what_was_taken_up(recording->rig, options, report);
+  }
+  if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
+    find_wrong_length(mistaken_numbers(report, kLooksResized), report);
+  if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
+    Notices other = not_as_given(solution, report.residuals);
+    if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);
   }
   // (With steps it was the user who freed the pose, and a wide prior may be what he wants.)
   if (recording->rig.steps.empty() && report.solution.status == Status::converged &&
@@ -538,6 +509,8 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   report.verdict = verdict(report);
   report.solution.last.reset();
   return report;
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 }  // namespace kincal

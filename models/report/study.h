@@ -44,7 +44,7 @@ struct StudyOptions {
 constexpr double kUnexplained = 5;
 
 /// Runs a study. The report's solution may have any status but cancelled; with undefined_start only
-/// the diagnosis is there besides. nullopt: options.calibration.progress cancelled.
+/// the diagnosis is there besides. nullopt: cancelled.
 /// @throws NameError, std::invalid_argument as calibrate(), make_groups(), deal_folds(),
 /// estimate_noise().
 std::optional<Report> study(const std::shared_ptr<const Recording>& recording,

@@ -177,7 +177,11 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
   std::set<std::string> ids;
   for (const Posture& posture : options.postures) ids.insert(posture.id);
   for (int k = 0; k < options.samples; ++k) {
-    if (options.progress && !options.progress(k)) break;
+    try {
+      options.progress.share(k, options.samples);
+    } catch (const Cancelled&) {
+      break;
+    }
     Draft draft;
     if (random) {
       draft = random->next(k);

@@ -28,12 +28,12 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <map>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../rig/recording.h"
 #include "posture.h"
 
@@ -48,9 +48,7 @@ struct SimulationOptions {
   /// These pairs (sensor, target) may see, or hold, each other where a posture lists no views;
   /// empty: usual_pairs().
   std::vector<std::pair<int, int>> pairs;
-  /// Called before each sample with how many were tried; false ends the simulation there, with the
-  /// samples so far.
-  std::function<bool(int)> progress;
+  Progress progress;  // is told before each sample; cancelling leaves the samples so far
 };
 
 struct Simulation {

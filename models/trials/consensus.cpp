@@ -322,7 +322,7 @@ SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
   int explanations = 0, chains = 0;
   for (const size_t v : views_to_try(reference, sample, plain)) {
     if (n == 1 || explanations > 1) break;  // two explanations are none
-    if (reference.go_on && !reference.go_on()) return before;
+    reference.progress.check();
     std::vector<char> out(n, 0);
     out[v] = 1;
     if (explains(out)) ++explanations, chains += is_chain(v);

@@ -17,10 +17,10 @@
 #pragma once
 
 #include <algorithm>
-#include <functional>
 #include <string>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../estimation/estimation.h"
 
 namespace kincal {
@@ -56,7 +56,7 @@ struct ReferenceFit {
   // Empty: not known (yet).
   std::vector<Freed> free;
   MatrixXd root;
-  std::function<bool()> go_on;  // asked now and then; false: judging ends as it is
+  Progress progress;  // is asked now and then whether to go on
 };
 
 /// Returns the verdict that nothing of a sample is out.
@@ -66,7 +66,8 @@ SampleVerdict nothing_rejected(const Rig& rig, const Sample& sample);
 Sample without_rejected(const Rig& rig, const Sample& sample, const SampleVerdict& verdict);
 
 /// Judges a sample by the reference. `before` is the verdict under which the reference's values
-/// were estimated, and `start` has poses of free targets of sample 0 to start from.
+/// were estimated, and `start` has poses of free targets of sample 0 to start from. @throws
+/// Cancelled
 SampleVerdict judge_sample(ReferenceFit& reference, const Sample& sample,
                            const SampleVerdict& before, const Values& start);
 

@@ -9,7 +9,7 @@ namespace kincal {
 
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int count,
-                                              bool reject, const FoldJudge& also) {
+                                              bool reject, const FoldJudge& also) try {
   const Folds folds = deal_folds(recording->rig, recording->samples, count);
   CrossValidation out;
   out.by_target = folds.by_target();
@@ -17,7 +17,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
   out.never = folds.held_out(-1);
   HeldOutSums& sums = out.sums;
   for (int f = 0; f < count; ++f) {
-    options.tell("cross-validation", static_cast<double>(f) / count);
+    options.progress.stage("cross-validation", static_cast<double>(f) / count);
     std::vector<Sample> samples;
     std::vector<int> index;
     for (int i : recording->training()) {
@@ -26,13 +26,8 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
       index.push_back(i);
     }
     CalibrationOptions fold_options = options;
-    fold_options.stage = nullptr;
-    if (options.progress)
-      fold_options.progress = [&, f](const std::string&, int iteration, double chi2,
-                                     double damping) {
-        return options.progress("fold " + std::to_string(f + 1) + " of " + std::to_string(count),
-                                iteration, chi2, damping);
-      };
+    fold_options.progress =
+        options.progress.in("fold " + std::to_string(f + 1) + " of " + std::to_string(count));
     CrossValidation::Fold fold;
     fold.held_out = folds.held_out(f);
     const auto leave_out = [&](const std::string& error) {
@@ -45,37 +40,38 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
       const std::shared_ptr<const Recording> without =
           make_recording(recording->with_samples(std::move(samples)));
       check_steps(*without);
-      std::optional<Cleaned> clean;
-      if (reject)
-        clean = calibrate_without_outliers(without, fold_options);
-      else
-        clean = Cleaned{calibrate(without, fold_options), {}, "", indices(index.size())};
-      if (!clean || clean->solution.status == Status::cancelled) return std::nullopt;
-      const Solution& solution = clean->solution;
+      const Cleaned clean =
+          reject
+              ? uncancelled(calibrate_without_outliers(without, fold_options))
+              : Cleaned{
+                    uncancelled(calibrate(without, fold_options)), {}, "", indices(index.size())};
+      const Solution& solution = clean.solution;
       if (solution.status == Status::undefined_start) {
         leave_out(solution.message);
       } else {
         fold.converged = solution.status != Status::not_converged;
         fold.determined = solution.unobservable.empty();
-        fold.rejected = std::move(clean->rejected);
+        fold.rejected = clean.rejected;
         std::vector<int> place;
-        for (int i : clean->kept) place.push_back(index[i]);
+        for (int i : clean.kept) place.push_back(index[i]);
         const Residuals found = residuals(linearise(solution));
         fold.judged =
             std::none_of(found.unfinished.begin(), found.unfinished.end(),
                          [](const Unfinished& u) { return !u.train && u.column != "rms_before"; });
         sums.add(*solution.recording, found, place);
-        if (also && !also(solution, place)) return std::nullopt;
+        if (also) also(solution, place);
       }
     } catch (const std::exception& error) {
       leave_out(error.what());
     }
     out.folds.push_back(std::move(fold));
   }
-  options.tell("cross-validation", 1);
+  options.progress.stage("cross-validation", 1);
   out.blocks = folds.blocks;
   out.sensors = held_out_errors(recording->rig, out.blocks, sums);
   return out;
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 HeldOutBlocks blocks(const CrossValidation& held_out) {

@@ -38,13 +38,13 @@ struct CrossValidation {
 };
 
 /// It is called for each calibration that could be judged, with the places of its samples in the
-/// whole set. False cancels.
-using FoldJudge = std::function<bool(const Solution&, const std::vector<int>&)>;
+/// whole set. It may throw Cancelled.
+using FoldJudge = std::function<void(const Solution&, const std::vector<int>&)>;
 
 /// Calibrates the training samples from the rig's values as often as there are folds, each time
 /// without one fold, and judges it on that fold; `reject`: without the gross outliers of the other
 /// folds. Samples that are held out already take no part.
-/// nullopt: options.progress cancelled.
+/// nullopt: cancelled.
 /// @throws std::invalid_argument as deal_folds.
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int folds,

@@ -11,7 +11,7 @@ namespace kincal {
 
 std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recording>& given,
                                             const CalibrationOptions& options,
-                                            bool (*which)(const Rig&, const NoiseLevel&)) {
+                                            bool (*which)(const Rig&, const NoiseLevel&)) try {
   constexpr int kRounds = 20, kFull = 5;
   constexpr double kAtRest = 0.01, kLargest = 3;
   if (options.noise != NoiseMode::latent && options.noise != NoiseMode::none)
@@ -22,16 +22,10 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
   CalibrationOptions quick = options;
   StepVariations from_last;
   for (int round = 1;; ++round) {
-    if (options.progress)
-      quick.progress = [&](const std::string& step, int iteration, double chi2, double damping) {
-        return options.progress("noise, round " + std::to_string(round) + ": " + step, iteration,
-                                chi2, damping);
-      };
-    options.tell("noise, round " + std::to_string(round));
+    quick.progress = options.progress.in("noise, round " + std::to_string(round));
     NoiseEstimate out;
     out.rounds = round;
-    out.solution = calibrate(recording, quick, from_last);
-    if (out.solution.status == Status::cancelled) return std::nullopt;
+    out.solution = uncancelled(calibrate(recording, quick, from_last));
     if (out.solution.status == Status::undefined_start) return out;
     out.levels = noise_levels(linearise(out.solution));
     double moved = 0;
@@ -51,8 +45,7 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
       continue;
     }
     if (round > 1) {  // from the rig's own start, as anybody will calibrate with these sigmas
-      out.solution = calibrate(recording, options);
-      if (out.solution.status == Status::cancelled) return std::nullopt;
+      out.solution = uncancelled(calibrate(recording, options));
       if (out.solution.status == Status::undefined_start) return out;
       out.levels = noise_levels(linearise(out.solution));
     }
@@ -68,6 +61,8 @@ std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recordin
     }
     return out;
   }
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 }  // namespace kincal

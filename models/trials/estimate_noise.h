@@ -24,8 +24,7 @@ struct NoiseEstimate {
 };
 
 /// Estimates the noise in at most 20 rounds; it ends at once where a calibration cannot start (the
-/// solution's status). Levels that `which` does not choose stay as they are. nullopt: progress
-/// cancelled.
+/// solution's status). Levels that `which` does not choose stay as they are. nullopt: cancelled.
 /// @throws as calibrate(); std::invalid_argument in modes marginal and point, where a sensor's
 /// noise is mixed with that of the joints.
 std::optional<NoiseEstimate> estimate_noise(const std::shared_ptr<const Recording>& given,

@@ -352,7 +352,7 @@ Estimate estimate_offsets(const Recording& recording, const std::vector<int>& jo
   size_t done = 0;
   for (int pass = 0; pass < 3; ++pass) {
     for (Near& n : near) {
-      options.tell(static_cast<double>(done++), 3 * near.size());
+      options.progress.share(static_cast<double>(done++), 3 * static_cast<double>(near.size()));
       linearise(recording, joints, out.offsets, options.noise, n);
     }
     out.choice = choose(near, options.within);

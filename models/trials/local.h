@@ -52,11 +52,11 @@
 // standard normal number it must be above 3.5. The margin is for having chosen h and the radius.
 #pragma once
 
-#include <functional>
 #include <map>
 #include <string>
 #include <vector>
 
+#include "../../solver/progress.h"
 #include "../analysis/residuals.h"
 
 namespace kincal {
@@ -70,12 +70,8 @@ using LocalPosture = std::map<int, double>;
 
 struct LocalOptions {
   NoiseMode noise = NoiseMode::latent;
-  double within = 1;                     // rad, m: samples further away take no part
-  std::function<void(double)> progress;  // called with the share that is done
-
-  void tell(double done, size_t of) const {
-    if (progress) progress(done / static_cast<double>(of));
-  }
+  double within = 1;  // rad, m: samples further away take no part
+  Progress progress;
 };
 
 struct LocalOffset {
@@ -123,7 +119,7 @@ LocalPosture posture_of(const Rig& rig, const Sample& sample);
 /// which absent poses they leave open: these are estimated first. Samples whose split is `test`
 /// take no part; they are judged.
 /// @throws std::invalid_argument: a posture without joints; a joint of it that no sample has.
-/// std::runtime_error: an open pose that the samples do not give.
+/// std::runtime_error: an open pose that the samples do not give. Cancelled.
 LocalCalibration calibrate_locally(const Rig& rig, const std::vector<Sample>& samples,
                                    const LocalPosture& posture, const LocalOptions& options);
 

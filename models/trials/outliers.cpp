@@ -89,27 +89,24 @@ Solution fit_everything(const std::shared_ptr<const Recording>& recording,
   const Rig& stated = recording->rig;
   StepVariations robust;
   robust.robust = true;
-  Solution fit = calibrate(recording, options, robust);
-  const auto has_values = [&] {
-    return fit.status != Status::cancelled && fit.status != Status::undefined_start;
-  };
-  for (int round = 0; round < kRounds && has_values(); ++round) {
+  Solution fit = uncancelled(calibrate(recording, options, robust));
+  for (int round = 0; round < kRounds && fit.status != Status::undefined_start; ++round) {
     if (!raise_joint_noise(stated, fit, judged)) return fit;
     const bool wrong = beyond_noise(stated, judged);
     if (wrong) judged = stated;
-    fit = calibrate(make_recording(recording->with_rig(judged)), options, robust);
+    fit = uncancelled(calibrate(make_recording(recording->with_rig(judged)), options, robust));
     if (wrong) return fit;
   }
   return fit;
 }
 
 /// Nothing is taken out: the plain calibration, and why.
-std::optional<Cleaned> without_consensus(const std::shared_ptr<const Recording>& recording,
-                                         const CalibrationOptions& options, long out, size_t of) {
-  Cleaned plain{calibrate(recording, options), {}, "", indices(recording->samples.size())};
+Cleaned without_consensus(const std::shared_ptr<const Recording>& recording,
+                          const CalibrationOptions& options, long out, size_t of) {
+  Cleaned plain{
+      uncancelled(calibrate(recording, options)), {}, "", indices(recording->samples.size())};
   plain.no_consensus = std::to_string(out) + " of " + std::to_string(of) +
                        " samples do not fit the others: nothing was taken out";
-  if (plain.solution.status == Status::cancelled) return std::nullopt;
   if (plain.solution.status == Status::undefined_start)
     plain.solution.message =
         plain.no_consensus + ", and the plain fit cannot start: " + plain.solution.message;
@@ -119,44 +116,23 @@ std::optional<Cleaned> without_consensus(const std::shared_ptr<const Recording>&
 }  // namespace
 
 std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
-                                                  const CalibrationOptions& options) {
+                                                  const CalibrationOptions& options) try {
   const Rig& rig = recording->rig;
   const std::vector<Sample>& samples = recording->samples;
   const std::vector<int> training = recording->training();
-  const auto ended = [](Solution solution) -> std::optional<Cleaned> {
-    if (solution.status == Status::cancelled) return std::nullopt;
-    return Cleaned{std::move(solution), {}, "", {}};
-  };
-
   CalibrationOptions quick = options;  // to find them
   quick.noise = NoiseMode::latent;
-  int iterations = 0;
-  std::pair<double, double> last;  // chi2 and damping
-  bool cancelled = false;
-  const auto go_on = [&] {
-    cancelled = cancelled ||
-                (options.progress &&
-                 !options.progress("looking for outliers", iterations, last.first, last.second));
-    return !cancelled;
-  };
-  if (options.progress)
-    quick.progress = [&](const std::string&, int iteration, double chi2, double damping) {
-      if (iteration > 0) ++iterations;
-      last = {chi2, damping};
-      return go_on();
-    };
-  options.tell("looking for outliers");
+  quick.progress = options.progress.in("looking for outliers");
   Rig judged = rig;
   Solution fit = fit_everything(recording, quick, judged);
-  if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
-    return ended(std::move(fit));
+  if (fit.status == Status::undefined_start) return Cleaned{std::move(fit), {}, "", {}};
   ReferenceFit reference{recording->with_rig(judged),
                          fit.setup.sensors,
                          fit.values.shared,
                          fit.setup.noise_ratios,
                          {},
                          {},
-                         go_on};
+                         quick.progress};
   std::vector<Values> start(samples.size());
   for (const auto& t : fit.values.targets)
     start[t.first.first].targets[{0, t.first.second}] = t.second;
@@ -165,16 +141,17 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   for (const Sample& s : samples) verdicts.push_back(nothing_rejected(rig, s));
   std::vector<char> returned(samples.size(), 0);  // what came back once and is out again stays out
   for (int round = 0; round < kRounds; ++round) {
-    options.tell("looking for outliers, round " + std::to_string(round + 1));
+    const Progress progress = quick.progress.in("round " + std::to_string(round + 1));
     const std::vector<SampleVerdict> before = verdicts;
-    for (int i : training) {
+    for (size_t k = 0; k < training.size(); ++k) {
+      progress.share(static_cast<double>(k), static_cast<double>(training.size()));
+      const int i = training[k];
       if (before[i].took_part()) {
         verdicts[i] = judge_sample(reference, samples[i], before[i], start[i]);
       } else if (!returned[i]) {
         verdicts[i] = judge_sample(reference, samples[i], before[i], start[i]);
         returned[i] = verdicts[i].took_part();
       }
-      if (!go_on()) return std::nullopt;
     }
     const auto out = std::count_if(verdicts.begin(), verdicts.end(),
                                    [](const SampleVerdict& v) { return v.out; });
@@ -184,9 +161,8 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
     const std::shared_ptr<const Recording> left =
         make_recording(reference.given.with_samples(all_without_rejected(*recording, verdicts)));
     check_steps(*left);
-    fit = calibrate(left, quick);
-    if (fit.status == Status::cancelled || fit.status == Status::undefined_start)
-      return ended(std::move(fit));
+    fit = uncancelled(calibrate(left, quick));
+    if (fit.status == Status::undefined_start) return Cleaned{std::move(fit), {}, "", {}};
     reference.noise_ratios =
         robust_noise_ratios(rig, fit.last->problem->residuals(fit.last->state));
     reference.shared = fit.values.shared;
@@ -197,12 +173,11 @@ std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Re
   const std::shared_ptr<const Recording> left =
       make_recording(recording->with_samples(all_without_rejected(*recording, verdicts)));
   check_steps(*left);
-  std::optional<Cleaned> clean = ended(calibrate(left, options));
-  if (clean) {
-    describe(*recording, verdicts, clean->rejected);
-    clean->kept = kept_samples(verdicts);
-  }
+  Cleaned clean{uncancelled(calibrate(left, options)), {}, "", kept_samples(verdicts)};
+  describe(*recording, verdicts, clean.rejected);
   return clean;
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 std::optional<std::vector<Rejected>> find_outliers(

@@ -40,13 +40,13 @@ struct Cleaned {
 };
 
 /// Calibrates without gross outliers. Where more than half of the training samples would be out
-/// there is no majority to trust, and nothing is taken out. nullopt: progress cancelled.
+/// there is no majority to trust, and nothing is taken out. nullopt: cancelled.
 /// @throws as calibrate(); std::invalid_argument where what is left frees nothing.
 std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
                                                   const CalibrationOptions& options);
 
 /// Returns what calibrate_without_outliers() would take out, after a plain calibration that ended
-/// badly; it is empty also where nothing would be. nullopt: progress cancelled.
+/// badly; it is empty also where nothing would be. nullopt: cancelled.
 std::optional<std::vector<Rejected>> find_outliers(
     const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
 

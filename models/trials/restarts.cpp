@@ -82,8 +82,8 @@ bool same(const Solution& a, const Solution& b) {
   return same_cost(a.cost, b.cost) && (apart.empty() || std::abs(apart[0].second) <= kSameSigmas);
 }
 
-/// The end of restart `n`: with its start halved as often as it takes to be evaluated. Status
-/// cancelled; undefined_start: not even then.
+/// The end of restart `n`: with its start halved as often as it takes to be evaluated;
+/// undefined_start: not even then. @throws Cancelled
 Solution run_again(const Solution& solution, const CalibrationOptions& options, int n) {
   Solution end;
   for (int halving = 0; halving <= kHalvings; ++halving) {
@@ -95,12 +95,8 @@ Solution run_again(const Solution& solution, const CalibrationOptions& options, 
       move_start(*solution.recording, plan, initial, scatter, values);
     };
     CalibrationOptions named = options;
-    named.stage = nullptr;
-    if (options.progress)
-      named.progress = [&](const std::string&, int iteration, double chi2, double damping) {
-        return options.progress("restart " + std::to_string(n), iteration, chi2, damping);
-      };
-    end = calibrate(solution.recording, named, other);
+    named.progress = options.progress.in("restart " + std::to_string(n));
+    end = uncancelled(calibrate(solution.recording, named, other));
     end.last.reset();
     if (end.status != Status::undefined_start) break;
   }
@@ -114,7 +110,7 @@ bool same_cost(double a, double b) {
 }
 
 std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options,
-                                 int count) {
+                                 int count) try {
   struct End {
     const Solution* at;
     int count;
@@ -125,9 +121,8 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
   Restarts out;
   out.count = count;
   for (int n = 1; n <= count; ++n) {
-    options.tell("restarts", (n - 1.0) / count);
+    options.progress.stage("restarts", (n - 1.0) / count);
     Solution end = run_again(solution, options, n);
-    if (end.status == Status::cancelled) return std::nullopt;
     const bool started = end.status != Status::undefined_start;
     if (!started || !end.steps.back().converged) {
       ++out.failed;
@@ -143,7 +138,7 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
     kept.push_back(std::move(end));
     ends.push_back({&kept.back(), 1});
   }
-  options.tell("restarts", 1);
+  options.progress.stage("restarts", 1);
   std::stable_sort(ends.begin() + 1, ends.end(),
                    [](const End& a, const End& b) { return a.at->cost < b.at->cost; });
   for (const End& e : ends) {
@@ -158,6 +153,8 @@ std::optional<Restarts> restarts(const Solution& solution, const CalibrationOpti
     out.minima.push_back(std::move(m));
   }
   return out;
+} catch (const Cancelled&) {
+  return std::nullopt;
 }
 
 }  // namespace kincal

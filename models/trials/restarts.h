@@ -45,8 +45,7 @@ struct Restarts {
 };
 
 /// Runs the steps that led to a solution `count` times from other starts, the same starts every
-/// time. The options are those of the solution; their progress is called with steps "restart 1",
-/// ... nullopt: it cancelled.
+/// time. The options are those of the solution. nullopt: cancelled.
 std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options,
                                  int count);
 

@@ -15,9 +15,8 @@ int main(int argc, char** argv) {
     const kincal::RigFile file = kincal::read_rig(argv[1]);
 
     kincal::StudyOptions options;
-    options.calibration.progress = [](const std::string&, int iteration, double, double) {
-      return iteration < 100;
-    };  // false cancels
+    options.calibration.progress = kincal::Progress(
+        [](const kincal::Progress::News& news) { return news.iteration < 100; });  // false cancels
     const std::optional<kincal::Report> report = kincal::study(
         kincal::make_recording(file.rig, kincal::read_samples(argv[2], file.rig)), options);
     if (!report) {

@@ -957,12 +957,12 @@ TEST_CASE("levenberg-marquardt: cancelled, out of iterations, undefined at the s
   {
     SolverOptions options;
     int calls = 0;
-    options.progress = [&](int iteration, double chi2, double) {
+    options.progress = Progress([&](const Progress::News& news) {
       ++calls;
-      CHECK(iteration == calls);
-      CHECK(chi2 > 0);
-      return iteration < 2;
-    };
+      CHECK(news.iteration == calls);
+      CHECK(news.chi2 > 0);
+      return news.iteration < 2;
+    });
     VectorXd state = start;
     LevenbergMarquardt solver(*s.problem, options);
     CHECK(solver.solve(state).outcome == Outcome::cancelled);
@@ -1275,22 +1275,22 @@ TEST_CASE(
     Curves curves(count, 5.0);
     SolverOptions options;
     int last = 0, again = 0;
-    const auto count_again = [&](int iteration, double chi2, double) {
-      CHECK(chi2 > 0);
-      again += iteration == last;
-      last = iteration;
+    const auto count_again = [&](const Progress::News& news) {
+      CHECK(news.chi2 > 0);
+      again += news.iteration == last;
+      last = news.iteration;
       return true;
     };
-    options.progress = count_again;
+    options.progress = Progress(count_again);
     VectorXd state = VectorXd::Ones(count + 1);
     LevenbergMarquardt(curves, options).solve(state);
     asked = again;
     if (asked == 0) continue;
     last = again = 0;
-    options.progress = [&](int iteration, double chi2, double damping) {
-      count_again(iteration, chi2, damping);
+    options.progress = Progress([&](const Progress::News& news) {
+      count_again(news);
       return again == 0;
-    };
+    });
     state = VectorXd::Ones(count + 1);
     LevenbergMarquardt solver(curves, options);
     const SolveSummary summary = solver.solve(state);

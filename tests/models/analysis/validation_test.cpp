@@ -613,7 +613,7 @@ TEST_CASE("cross-validation is what calibrations by hand give", "[validation]") 
 
     CalibrationOptions cancel;
     int calls = 0;
-    cancel.progress = [&](const std::string&, int, double, double) { return ++calls < 8; };
+    cancel.progress = Progress([&](const Progress::News&) { return ++calls < 8; });
     CHECK(!cross_validate(result.recording, cancel, 4));
   }
 }

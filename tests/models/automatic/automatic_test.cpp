@@ -436,17 +436,17 @@ TEST_CASE("automatic: it can be cancelled wherever it is") {
   const Recording recording(drawn(), logged(with_offsets(3), 12, 61));
   std::vector<std::string> calls;
   AutomaticOptions options;
-  options.progress = [&](const std::string& step, int, double, double) {
-    calls.push_back(step);
+  options.progress = Progress([&](const Progress::News& news) {
+    calls.push_back(news.what);
     return true;
-  };
+  });
   REQUIRE(calibrate_automatically(recording, options).solution.status == Status::converged);
   for (const char* step : {"mounts", "widths", "everything"})
     CHECK(std::count(calls.begin(), calls.end(), step) > 0);
   for (size_t last = 0; last < calls.size(); ++last) {
     INFO("at call " << last << " of " << calls.size() << ", " << calls[last]);
     size_t count = 0;
-    options.progress = [&](const std::string&, int, double, double) { return count++ < last; };
+    options.progress = Progress([&](const Progress::News&) { return count++ < last; });
     const AutomaticCalibration found = calibrate_automatically(recording, options);
     CHECK(found.solution.status == Status::cancelled);
     CHECK(found.groups.empty());

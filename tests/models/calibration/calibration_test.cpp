@@ -402,11 +402,11 @@ TEST_CASE("calibration: a cancellation is a status") {
   CalibrationOptions options;
   std::string at;
   int calls = 0, allowed = 0;
-  options.progress = [&](const std::string& step, int iteration, double, double) {
-    at = step + " " + std::to_string(iteration);
+  options.progress = Progress([&](const Progress::News& news) {
+    at = news.what + " " + std::to_string(news.iteration);
     return calls++ < allowed;
-  };
-  for (allowed = 0; allowed < 5; ++allowed) {
+  });
+  for (allowed = 0; allowed < 8; ++allowed) {
     calls = 0;
     const Solution solution = calibrate(recording, options);
     CHECK(solution.status == Status::cancelled);

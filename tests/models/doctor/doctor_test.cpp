@@ -333,7 +333,7 @@ TEST_CASE("doctor: progress cancels") {
   for (Sample& s : e.samples) s.readings[1] = -s.readings[1];
   DoctorOptions options;
   int calls = 0;
-  options.progress = [&](int, int) { return ++calls < 20; };
+  options.progress = Progress([&](const Progress::News&) { return ++calls < 20; });
   CHECK(!diagnose(e.rig, e.samples, options));
   CHECK(calls == 20);
 }

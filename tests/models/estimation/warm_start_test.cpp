@@ -148,7 +148,7 @@ TEST_CASE("warm start: after solves that came to nothing") {
   int allowed = 1000;
   SolverOptions options;
   options.max_iterations = 6;
-  options.progress = [&](int iteration, double, double) { return iteration < allowed; };
+  options.progress = Progress([&](const Progress::News& news) { return news.iteration < allowed; });
   LevenbergMarquardt solver(*s.problem, options);
   VectorXd state = s.start();
   solver.solve(state);

@@ -203,12 +203,12 @@ TEST_CASE("restarts: cancelled, starts that cannot be evaluated", "[restarts]") 
   const Solution result = solution_of(rig, samples);
   CalibrationOptions options;
   std::string last;
-  options.progress = [&](const std::string& step, int, double, double) {
-    last = step;
-    return step != "restart 3";
-  };
+  options.progress = Progress([&](const Progress::News& news) {
+    last = news.what;
+    return news.what.rfind("restart 3: ", 0) != 0;
+  });
   CHECK_FALSE(restarts(result, options, 5));
-  CHECK(last == "restart 3");
+  CHECK(last == "restart 3: starting values");
 
   // A camera 0.12 m before a board: with the pose off by 5 cm and 5 degrees some starts have points
   // behind it, and all are moved nearer until they have not. A prior of 50 m leaves no start that

@@ -1,4 +1,4 @@
-#include "progress.h"
+#include "progress_line.h"
 
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -26,15 +26,15 @@ std::string time_text(double seconds) {
   return text;
 }
 
-Progress::Progress(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO)) {}
+ProgressLine::ProgressLine(bool quiet) : shown_(!quiet && isatty(STDERR_FILENO)) {}
 
-void Progress::Stage::go_on(const std::string& now, double done) {
+void ProgressLine::Stage::go_on(const std::string& now, double done) {
   if (now != what || done < share || std::isnan(done)) begin = Clock::now();
   what = now;
   share = done;
 }
 
-std::string Progress::Stage::text(Clock::time_point now) const {
+std::string ProgressLine::Stage::text(Clock::time_point now) const {
   if (what.empty() || !(share > 0)) return what;
   std::string out = what + " " + std::to_string(static_cast<int>(100 * share)) + " %";
   const double seconds = std::chrono::duration<double>(now - begin).count();
@@ -42,8 +42,8 @@ std::string Progress::Stage::text(Clock::time_point now) const {
   return out;
 }
 
-void Progress::stage(const std::string& what, double share) {
-  if (!shown_) return;
+void ProgressLine::stage(const std::string& what, double share) {
+  if (!shown_ || (std::isnan(share) && what == whole_.what)) return;
   const bool of_whole = !std::isnan(share) && (whole_.what.empty() || what == whole_.what);
   Stage& at = of_whole ? whole_ : part_;
   const bool is_new = what != at.what;
@@ -53,19 +53,24 @@ void Progress::stage(const std::string& what, double share) {
   show(is_new || share >= 1);
 }
 
-void Progress::iteration(const std::string& step, int iteration, double chi2) {
-  if (!shown_) return;
-  if (iteration == 0) {
-    if (step != whole_.what) stage(step + ": starting values", std::nan(""));
-    return;
-  }
-  char text[64];
-  std::snprintf(text, sizeof text, ": iteration %d, chi2 %.8g", iteration, chi2);
-  part_.go_on(step + text, std::nan(""));
-  show(iteration == 1);
+Progress ProgressLine::progress() {
+  return Progress([this](const Progress::News& news) {
+    tell(news);
+    return true;
+  });
 }
 
-void Progress::show(bool at_once) {
+void ProgressLine::tell(const Progress::News& news) {
+  if (!shown_) return;
+  if (news.iteration < 0) return stage(news.what, news.share);
+  if (news.iteration == 0) return stage(news.what + ": starting values", std::nan(""));
+  char text[64];
+  std::snprintf(text, sizeof text, ": iteration %d, chi2 %.8g", news.iteration, news.chi2);
+  part_.go_on(news.what + text, std::nan(""));
+  show(news.iteration == 1);
+}
+
+void ProgressLine::show(bool at_once) {
   const Clock::time_point now = Clock::now();
   if (!at_once && now - last_ < std::chrono::milliseconds(100)) return;
   last_ = now;
@@ -75,7 +80,7 @@ void Progress::show(bool at_once) {
   set_line_shown(true);
 }
 
-void Progress::clear() {
+void ProgressLine::clear() {
   if (last_ == Clock::time_point()) return;
   std::fprintf(stderr, "\r\033[K");
   set_line_shown(false);

@@ -4,22 +4,25 @@
 #include <chrono>
 #include <string>
 
+#include "../solver/progress.h"
+
 namespace kincal {
 
-/// A Progress shows what a command does, how far it is and how long that will take, where this can
-/// be told: on standard error, only if that is a terminal, in one line that is written anew and
-/// gone at the end. Its first two functions are for the callbacks of the libraries.
-class Progress {
+/// A ProgressLine shows what a command does, how far it is and how long that will take, where this
+/// can be told: on standard error, only if that is a terminal, in one line that is written anew and
+/// gone at the end.
+class ProgressLine {
  public:
-  explicit Progress(bool quiet);
-  ~Progress() { clear(); }
-  Progress(const Progress&) = delete;
-  Progress& operator=(const Progress&) = delete;
+  explicit ProgressLine(bool quiet);
+  ~ProgressLine() { clear(); }
+  ProgressLine(const ProgressLine&) = delete;
+  ProgressLine& operator=(const ProgressLine&) = delete;
 
-  /// As CalibrationOptions::stage.
+  /// Returns a progress that is shown here and cancels nothing; it must not outlive the line.
+  Progress progress();
+  void tell(const Progress::News& news);
+  /// As Progress::stage().
   void stage(const std::string& what, double share);
-  /// As CalibrationOptions::progress.
-  void iteration(const std::string& step, int iteration, double chi2);
   /// Removes the line, for something else to be printed.
   void clear();
 

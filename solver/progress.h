@@ -1,0 +1,96 @@
+// How far long work is, and how it is cancelled.
+//
+// Whoever starts such work may listen: the listener is told what is done and how far it is, and
+// cancels by returning false. Then Cancelled is thrown, wherever the work stands, and passes to the
+// function that was called: solve() of the solver and the calibrations, trials and studies of
+// models/ catch it and return what they document (Outcome::cancelled, Status::cancelled, nullopt).
+// Inside, uncancelled() throws it again where one of these was called for a part of the work.
+#pragma once
+
+#include <functional>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+
+namespace kincal {
+
+/// Cancelled is thrown where a listener returns false. (No std::exception: nothing is wrong.)
+struct Cancelled {};
+
+/// Returns what was found; nullopt is how a cancellation ended there. @throws Cancelled
+template <class T>
+T uncancelled(std::optional<T> found) {
+  if (!found) throw Cancelled();
+  return std::move(*found);
+}
+
+/// A Progress is passed to everything that takes long. By default nobody listens; telling then
+/// costs nothing. It allocates only where a part is named or a stage told. It is told by the thread
+/// that was called, or by one thread at a time.
+class Progress {
+  static constexpr double kUntold = std::numeric_limits<double>::quiet_NaN();
+
+ public:
+  struct News {
+    /// The stage that begins or goes on; of an iteration the step. It stands behind the parts that
+    /// it belongs to: "restart 2: everything".
+    const std::string& what;
+    double share = kUntold;  // of the stage that is done (1: all); NaN: that cannot be told, and
+                             // what has a share goes on meanwhile
+    int iteration = -1;      // that ended; 0: a step begins; -1: it is a stage
+    double chi2 = kUntold, damping = kUntold;  // after that iteration
+  };
+  using Listener = std::function<bool(const News&)>;  // false cancels
+
+  Progress() = default;
+  explicit Progress(Listener listener) : listener_(std::move(listener)) {}
+
+  /// Returns the progress of a part, whose name stands before all that it tells.
+  Progress in(const std::string& part) const {
+    Progress out;
+    if (!listener_) return out;
+    out.listener_ = listener_;
+    out.name_ = behind_name(part);
+    return out;
+  }
+  /// Returns the progress of what is done between two shares of this.
+  Progress between(double from, double to) const {
+    Progress out = *this;
+    out.from_ = from_ + (to_ - from_) * from;
+    out.to_ = from_ + (to_ - from_) * to;
+    return out;
+  }
+
+  // All of these throw Cancelled.
+  /// Tells of a stage of this part.
+  void stage(const std::string& what, double share = kUntold) const {
+    if (listener_) tell({behind_name(what), share});
+  }
+  /// Tells how much of this part is done: so much of so much.
+  void share(double done, double of = 1) const {
+    if (listener_) tell({name_, from_ + (to_ - from_) * (of > 0 ? done / of : 1)});
+  }
+  /// Tells that this part, a step, begins (0) or that an iteration of it ended.
+  void iteration(int number, double chi2 = kUntold, double damping = kUntold) const {
+    if (listener_) tell({name_, kUntold, number, chi2, damping});
+  }
+  /// Asks whether to go on: nothing is new.
+  void check() const {
+    if (listener_) tell({name_});
+  }
+
+ private:
+  std::string behind_name(const std::string& what) const {
+    return name_.empty() ? what : name_ + ": " + what;
+  }
+  void tell(const News& news) const {
+    if (!listener_(news)) throw Cancelled();
+  }
+
+  Listener listener_;
+  std::string name_;
+  double from_ = 0, to_ = 1;
+};
+
+}  // namespace kincal
