@@ -118,25 +118,23 @@ class Photographer {
       if (is_new && known == light_.end()) wanted.emplace_back(key(f), &f);
     }
     std::vector<cv::Mat> exposed(wanted.size()), pictures(frames.size());
-    in_parallel(
-        wanted.size(), options_.threads,
-        [&](size_t i) {
-          const Frame& f = *wanted[i].second;
-          const int sensor = cameras_[f.camera].sensor;
-          Draws draws(~options_.seed, kExposures + 4 * f.at);
-          exposed[i] =
-              expose(studio_.rays.at(sensor), sheets_before(studio_, sensor, journey_.at(f.time)),
-                     options_.look, draws);
-        },
-        nullptr);
+    in_parallel(wanted.size(), options_.threads,
+                [&](size_t i) {
+                  const Frame& f = *wanted[i].second;
+                  const int sensor = cameras_[f.camera].sensor;
+                  Draws draws(~options_.seed, kExposures + 4 * f.at);
+                  exposed[i] = expose(studio_.rays.at(sensor),
+                                      sheets_before(studio_, sensor, journey_.at(f.time)),
+                                      options_.look, draws);
+                },
+                {});
     for (size_t i = 0; i < wanted.size(); ++i) light[wanted[i].first] = exposed[i];
-    in_parallel(
-        frames.size(), options_.threads,
-        [&](size_t i) {
-          Draws draws(~options_.seed, kNoise + 4 * frames[i].at);
-          pictures[i] = develop(light.at(key(frames[i])), options_.look.noise, draws);
-        },
-        nullptr);
+    in_parallel(frames.size(), options_.threads,
+                [&](size_t i) {
+                  Draws draws(~options_.seed, kNoise + 4 * frames[i].at);
+                  pictures[i] = develop(light.at(key(frames[i])), options_.look.noise, draws);
+                },
+                {});
     light_ = std::move(light);
     return pictures;
   }
@@ -183,14 +181,14 @@ class Logger {
     for (; !lasers_.empty() && scans_ / options_.sweep.scan_rate <= time; ++scans_)
       starts.push_back(scans_ / options_.sweep.scan_rate);
     std::vector<LaserScan> scans(starts.size() * lasers_.size());
-    in_parallel(
-        scans.size(), options_.threads,
-        [&](size_t i) {
-          const std::uint64_t number = from * lasers_.size() + i;
-          scans[i] = lasers_[i % lasers_.size()].scan(journey_, starts[i / lasers_.size()],
-                                                      Draws(~options_.seed, kScans + 4 * number));
-        },
-        nullptr);
+    in_parallel(scans.size(), options_.threads,
+                [&](size_t i) {
+                  const std::uint64_t number = from * lasers_.size() + i;
+                  scans[i] =
+                      lasers_[i % lasers_.size()].scan(journey_, starts[i / lasers_.size()],
+                                                       Draws(~options_.seed, kScans + 4 * number));
+                },
+                {});
     for (size_t i = 0; i < scans.size(); ++i) {
       readings_until(scans[i].time, out);
       const size_t k = i % lasers_.size();

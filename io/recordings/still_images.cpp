@@ -135,8 +135,7 @@ class Searcher {
         one.targets = targets_for(one.wanted);
         if (!one.targets.empty()) some.push_back(&one);
       }
-      in_parallel(
-          some.size(), options_.threads, [&](size_t i) { look(*some[i]); }, nullptr);
+      in_parallel(some.size(), options_.threads, [&](size_t i) { look(*some[i]); }, {});
       for (const PendingImage* one : some)
         for (const Sighting& seen : one->result.seen)
           if (one->wanted.rest >= 0)

@@ -1,5 +1,7 @@
 #include "linearisation.h"
 
+#include <stdexcept>
+
 #include "../estimation/estimation.h"
 
 namespace kincal {
@@ -10,7 +12,10 @@ const MatrixXd& Linearisation::reduced_rows(size_t group, MatrixXd& scratch) con
 }
 
 Linearisation linearise(const Solution& solution) {
-  solution.refresh();
+  if (solution.parameters.empty() && !solution.columns.empty())
+    throw std::invalid_argument(
+        "a solution without estimates cannot be analysed: after a repeated solve() take that of "
+        "Calibration::last()");
   Linearisation out{solution, solution.last};
   if (out.at) return out;
   out.at = std::make_shared<LastProblem>();

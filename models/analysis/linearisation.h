@@ -24,7 +24,8 @@ struct Linearisation {
 };
 
 /// Linearises at a solution, which must have values (Solution::usable(), or not_converged). It
-/// takes what calibrate() left, else makes it again.
+/// takes what calibrate() left, else makes it again. @throws std::invalid_argument where estimates
+/// are left to Calibration::last().
 Linearisation linearise(const Solution& solution);
 
 }  // namespace kincal

@@ -445,7 +445,7 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, con
 
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
                                      const MatrixXd& covariance) {
-  return levels_of(problem, rig, state, covariance, problem.residuals(state), nullptr);
+  return levels_of(problem, rig, state, covariance, problem.residuals(state), {});
 }
 
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,

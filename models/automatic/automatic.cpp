@@ -371,7 +371,7 @@ DataEquations data_of(const Learned& learned, const Solution& solution) {
 }
 
 /// Sigmas of the estimates are those of the prediction.
-void set_predicted_sigmas(const Solution& solution) {
+void set_predicted_sigmas(Solution& solution) {
   const Prediction& p = *solution.prediction;
   for (size_t i = 0; i < p.columns.size(); ++i)
     for (ParameterEstimate& e : solution.parameters)

@@ -154,7 +154,7 @@ void run_steps(const std::vector<StepPlan>& plans, const CalibrationOptions& opt
     result.seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     all_converged = all_converged && (result.converged || plan.repeated);
-    set_sigmas(solution, observed->observability, plan.name, plan.priors);
+    set_sigmas(observed->observability, plan.name, plan.priors, solution);
     solution.steps.push_back(std::move(result));
     merge(solution.seen_held_out, plan.seen_held_out);
     if (!last) continue;
@@ -261,6 +261,9 @@ struct Calibration::Parts {
   CalibrationOptions options;
   bool solved = false;
   CalibrationRun run;
+  bool determined = true;                    // all directions, where that was asked last
+  bool complete = true;                      // the solution
+  std::vector<ParameterEstimate> estimates;  // at earlier values, where it is not
   std::shared_ptr<LastProblem>
       last;  // taken out of the solution, whose copies must not see later solves
 };
@@ -296,6 +299,7 @@ const Solution& Calibration::solve() {
     parts.run = run(parts.recording, parts.options, {}, true);
     parts.last = std::move(solution.last);
     parts.solved = solution.usable();
+    parts.determined = solution.unobservable.empty();
     return solution;
   }
   Estimation& problem = *parts.last->problem;
@@ -316,9 +320,13 @@ const Solution& Calibration::solve() {
   Cost priors;
   if (problem.prior_group() >= 0) problem.evaluate(problem.prior_group(), state, 0, priors);
   solution.chi2_data = solution.chi2 - priors.chi2;
-  solution.stale = true;
+  if (parts.complete) parts.estimates.swap(solution.parameters);
+  parts.complete = false;
+  solution.unobservable.clear();
+  solution.covariance.resize(0, 0);
+  solution.dof_data = kNan;
   solution.message.clear();
-  solution.status = solution.unobservable.empty() ? Status::converged : Status::unobservable;
+  solution.status = parts.determined ? Status::converged : Status::unobservable;
   if (summary.outcome != Outcome::converged) {
     solution.status = Status::not_converged;
     solution.message = "the last step did not converge";
@@ -327,8 +335,13 @@ const Solution& Calibration::solve() {
 }
 
 const Solution& Calibration::last() {
-  parts_->run.solution.refresh();
-  return parts_->run.solution;
+  Solution& solution = parts_->run.solution;
+  if (parts_->complete) return solution;
+  solution.parameters = std::move(parts_->estimates);
+  complete(solution);
+  parts_->complete = true;
+  parts_->determined = solution.unobservable.empty();
+  return solution;
 }
 
 void Calibration::replace(int slot, const Sample& sample) {

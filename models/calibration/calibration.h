@@ -66,8 +66,8 @@ class Calibration {
   /// The first call runs all steps. Later ones run the last step again from the last values, for
   /// other numbers in the same samples: they allocate nothing (where the solver does not:
   /// solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and values;
-  /// what is computed from them (estimates, covariance, texts) is made when last() is asked for it.
-  /// The reference holds until the next call.
+  /// what is computed from these (estimates, covariance, unobservable directions, dof_data) is left
+  /// empty, and made when last() is asked for. The reference holds until the next call.
   const Solution& solve();
   /// Returns the solution of the last solve(), complete: estimates and covariance are those of its
   /// values.

@@ -20,8 +20,8 @@ std::vector<Direction> named_directions(const ParameterTable& table,
   return out;
 }
 
-void set_sigmas(const Solution& solution, const Observability& observability,
-                const std::string& step, const std::vector<Prior>& priors) {
+void set_sigmas(const Observability& observability, const std::string& step,
+                const std::vector<Prior>& priors, Solution& solution) {
   const std::vector<Component>& columns = solution.columns;
   for (size_t column = 0; column < columns.size(); ++column) {
     const int p = columns[column].parameter, component = columns[column].index;
@@ -52,7 +52,7 @@ void set_sigmas(const Solution& solution, const Observability& observability,
   }
 }
 
-void set_values(const Solution& solution) {
+void set_values(Solution& solution) {
   const VectorXd &v = solution.values.shared, &initial = solution.initial;
   for (ParameterEstimate& e : solution.parameters) {
     const Parameter& parameter = solution.table().all[e.parameter];
@@ -72,29 +72,25 @@ void set_values(const Solution& solution) {
   }
 }
 
-void Solution::refresh() const {
-  if (!stale) return;
-  stale = false;
-  Estimation problem(*recording, training(), setup);
-  const VectorXd state = problem.pack(values);
+void complete(Solution& solution) {
+  Estimation problem(*solution.recording, solution.training(), solution.setup);
+  const VectorXd state = problem.pack(solution.values);
   problem.renew(state);
   const Observability observability = observe(problem, state);
-  covariance = observability.covariance;
-  dof_data = observability.dof_data();
-  unobservable = named_directions(table(), columns, observability);
-  set_sigmas(*this, observability, steps.back().name, setup.priors);
-  set_values(*this);
+  solution.covariance = observability.covariance;
+  solution.dof_data = observability.dof_data();
+  solution.unobservable = named_directions(solution.table(), solution.columns, observability);
+  set_sigmas(observability, solution.steps.back().name, solution.setup.priors, solution);
+  set_values(solution);
 }
 
-double Solution::chi2_per_dof() const {
-  refresh();
-  return dof_data > 0 ? chi2_data / dof_data : kNan;
-}
+double Solution::chi2_per_dof() const { return dof_data > 0 ? chi2_data / dof_data : kNan; }
 
 const ParameterEstimate& Solution::operator[](const std::string& name) const {
-  refresh();
   for (const ParameterEstimate& e : parameters)
     if (e.name == name) return e;
+  if (parameters.empty() && !columns.empty())
+    throw std::out_of_range("estimates after a repeated solve() are those of Calibration::last()");
   throw std::out_of_range("no step freed '" + name + "'");
 }
 

@@ -110,7 +110,7 @@ struct Solution {
   // as stated, however many priors there are. (chi2 / dof is not: a prior wider than
   // the error it allows for adds a degree of freedom and next to nothing to chi2.)
   double chi2_data = 0;
-  mutable double dof_data = 0;  // made with the covariance
+  double dof_data = 0;
   std::vector<StepResult> steps;
   std::vector<Component> columns;  // unknowns of the last step, in the order of the covariance
   VectorXd initial;  // shared values that estimates count from: the rig's, closed-form ones of
@@ -133,16 +133,12 @@ struct Solution {
                                       // (analysis/data_equations.h)
   std::shared_ptr<LastProblem> last;  // null: to be made again (analysis/linearisation.h)
 
-  // Estimates are made at the end of calibrate(), and again when they are asked for after a
-  // repeated Calibration::solve().
-  mutable std::vector<ParameterEstimate>
-      parameters;  // everything that any step freed, in the order of the steps
-  mutable std::vector<Direction> unobservable;  // of the last step
-  mutable MatrixXd covariance;
-  mutable bool stale = false;  // they belong to earlier values: refresh() makes them new
-  /// Makes estimates, covariance and unobservable directions those of `values`. The functions below
-  /// call it.
-  void refresh() const;
+  // Made of the values at the end of calibrate(). A repeated Calibration::solve() leaves them
+  // empty, and dof_data NaN; Calibration::last() makes them.
+  std::vector<ParameterEstimate>
+      parameters;                       // everything that any step freed, in the order of the steps
+  std::vector<Direction> unobservable;  // of the last step
+  MatrixXd covariance;
 
   const Rig& rig() const { return recording->rig; }
   const ParameterTable& table() const { return recording->table; }
@@ -155,7 +151,8 @@ struct Solution {
   /// model does not explain the data. (Directions may be
   /// unobservable: these keep their initial values, and their sigmas are NaN.)
   bool usable() const { return status == Status::converged || status == Status::unobservable; }
-  /// Returns the estimate of a parameter. @throws std::out_of_range where no step freed it.
+  /// Returns the estimate of a parameter. @throws std::out_of_range where no step freed it, or
+  /// where estimates are left to Calibration::last().
   const ParameterEstimate& operator[](const std::string& name) const;
   /// Returns the value of a pose parameter, freed or not: "sensor/head_camera/pose" is
   /// link_T_sensor. @throws std::out_of_range: no such pose.
@@ -182,9 +179,12 @@ std::vector<Direction> named_directions(const ParameterTable& table,
                                         const std::vector<Component>& columns,
                                         const Observability& observability);
 /// Sets the sigmas, priors and step of the estimates that `columns` are, as a step ended.
-void set_sigmas(const Solution& solution, const Observability& observability,
-                const std::string& step, const std::vector<Prior>& priors);
+void set_sigmas(const Observability& observability, const std::string& step,
+                const std::vector<Prior>& priors, Solution& solution);
 /// Sets the values of all estimates from those of the shared parameters.
-void set_values(const Solution& solution);
+void set_values(Solution& solution);
+/// Makes dof_data, the estimates of the last step, covariance and unobservable directions those of
+/// other values, which the last step has led to.
+void complete(Solution& solution);
 
 }  // namespace kincal

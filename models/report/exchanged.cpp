@@ -100,7 +100,6 @@ Notices pairs_apart(const Solution& solution) {
   const double mistaken = scales(ParameterKind::baseline, "m").mistaken;  // share
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
-  solution.refresh();
   Notices out;
   for (size_t a = 0; a < rig.sensors.size(); ++a)
     for (size_t b = a + 1; b < rig.sensors.size(); ++b) {

@@ -162,9 +162,10 @@ std::map<Component, std::string> sizes_to_measure(const Solution& solution, cons
   return out;
 }
 
+}  // namespace
+
 Untold find_untold(const Report& report) {
   const Solution& solution = report.solution;
-  solution.refresh();
   const Tree& tree = solution.rig().tree;
   const std::vector<Component>& columns =
       solution.prediction ? solution.prediction->columns : solution.columns;
@@ -197,11 +198,9 @@ Untold find_untold(const Report& report) {
   return out;
 }
 
-}  // namespace
-
 const Untold& untold(const Report& report) {
-  if (!report.untold) report.untold = std::make_shared<const Untold>(find_untold(report));
-  return *report.untold;
+  static const Untold nothing;
+  return report.untold ? *report.untold : nothing;
 }
 
 JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_t c) {

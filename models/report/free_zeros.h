@@ -41,8 +41,10 @@ struct Untold {
       sizes;  // by number of a pose: the size of a target that makes it loose, to be measured
 };
 
-/// Returns it for a report that is otherwise complete, which keeps it (not for threads that share a
-/// report); nothing where joints and sizes are determined or held, or no pose is loose.
+/// Finds it for a report that has all analyses; nothing where joints and sizes are determined or
+/// held, or no pose is loose.
+Untold find_untold(const Report& report);
+/// Returns the report's own.
 const Untold& untold(const Report& report);
 
 /// Returns the sigma of a component by which to judge how well it is known, and which free zero, if

@@ -79,8 +79,7 @@ struct Report {
   std::optional<Notice> unexplained;  // why the model does not explain the data
   Notices warnings;                   // one of a kind
   Verdict verdict;
-  mutable std::shared_ptr<const struct Untold>
-      untold;  // what untold() found (free_zeros.h); null: not yet
+  std::shared_ptr<const struct Untold> untold;  // free_zeros.h; null: nothing
 };
 
 }  // namespace kincal

@@ -18,6 +18,7 @@
 #include "../rig/words.h"
 #include "../trials/estimate_noise.h"
 #include "exchanged.h"
+#include "free_zeros.h"
 #include "input_warnings.h"
 #include "parameter_warnings.h"
 #include "verdict.h"
@@ -493,6 +494,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     Notices other = not_as_given(solution, report.residuals);
     if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);
   }
+  report.untold = std::make_shared<const Untold>(find_untold(report));
   // (With steps it was the user who freed the pose, and a wide prior may be what he wants.)
   if (recording->rig.steps.empty() && report.solution.status == Status::converged &&
       has_open_mount(report)) {

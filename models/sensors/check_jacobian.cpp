@@ -31,7 +31,7 @@ struct MovedView {
     joint.assign(scan.own, scan.own + scan.model->size());
   }
   const ViewInput& input() {
-    view.parameters = parameters.data();
+    if (!parameters.empty()) view.parameters = parameters.data();
     view.points = &points;
     if (view.scan) view.scan = &scan;
     scan.own = joint.data();

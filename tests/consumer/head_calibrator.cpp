@@ -14,11 +14,12 @@ class HeadCalibrator {
     calibration_.replace(slot, sample);
   }  // same shape: no allocation
   bool recalibrate(kincal::Tree& robot) {
-    const kincal::Solution solution =
+    const kincal::Solution& solution =
         calibration_.solve();  // warm: starts where the last one ended
     if (!solution.usable())
       return say(solution.message), false;  // undefined start, not converged, cancelled
-    const kincal::ParameterEstimate& elbow = solution["joint/elbow/offset"];
+    const kincal::ParameterEstimate& elbow =
+        calibration_.last()["joint/elbow/offset"];  // its sigma is made when it is asked for
     if (elbow.sigma[0] > 1e-3) return say("the elbow is weakly determined"), false;
     robot = solution.tree();  // offsets folded into the origins
     camera_ = solution.pose("sensor/head_camera/pose");

@@ -317,7 +317,6 @@ TEST_CASE("sweep: a laser's mount is calibrated to what its covariance says") {
     Calibration calibration(make_recording(rig.rig, samples), {});
     const Solution& solution = calibration.solve();
     REQUIRE(solution.status == Status::converged);
-    solution.refresh();
     const Vector6d error = log_se3(inverse(bench.rig.rig.sensors[0].link_T_sensor) *
                                    *solution["sensor/laser/pose"].pose);
     nees += error.dot(solution.covariance.ldlt().solve(error));

@@ -204,7 +204,10 @@ TEST_CASE("reduced rows: kept up to 32 MB, and the same numbers when they are ma
   const VectorXd state = VectorXd::Zero(n + 2 * 130);
   std::vector<MatrixXd> kept;
   std::vector<double> told;
-  observe(problem, state, &kept, [&](double share) { told.push_back(share); });
+  observe(problem, state, &kept, Progress([&](const Progress::News& news) {
+            told.push_back(news.share);
+            return true;
+          }));
   CHECK(kept.size() == 32 * 1024 * 1024 / 8 / (200 * 201));
   for (const size_t g : {size_t(0), size_t(7), kept.size() - 1})
     CHECK(reduced_rows(problem, state, g) == kept[g]);

@@ -200,6 +200,10 @@ TEST_CASE("calibration: solved again with other samples it ends where a new one 
       const Solution fresh = calibrate(next, options);
       const Solution& again = calibration.solve();
       REQUIRE(again.status == Status::converged);
+      CHECK(again.parameters.empty());  // made when they are asked for, and not those of before
+      CHECK_THROWS_AS(again["joint/elbow/offset"], std::out_of_range);
+      CHECK_THROWS_AS(linearise(again), std::invalid_argument);
+      CHECK(std::isnan(again.chi2_per_dof()));
       CHECK(&calibration.last() == &again);
       CHECK(again.chi2 == Approx(fresh.chi2).epsilon(1e-10));
       CHECK(again.dof == fresh.dof);
