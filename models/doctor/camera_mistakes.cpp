@@ -255,7 +255,7 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
                " - 0.5, cy alike; image_size too), or scale "
                "the pixels: u = (u' + 0.5) / " +
                number + " - 0.5, v alike";
-      h.undo = [group, factor](Rig& r, std::vector<Sample>&) {
+      h.undo = [group, factor](Rig& r) {
         for (int s : group)
           set_intrinsics(r.sensors[s], scaled_intrinsics(*intrinsics_of(r.sensors[s]), factor));
       };
@@ -267,7 +267,7 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
     const std::vector<double> given = *intrinsics_of(rig.sensors[camera.first]);
     Hypothesis h = about(rig, NoticeKind::resolution, {camera.first});
     h.free = {table.all[block].component_name(2), table.all[block].component_name(3)};
-    h.undo = [](Rig&, std::vector<Sample>&) {};
+    h.undo = [](Rig&) {};
     h.told = [given, name = h.where[0].name](const std::vector<double>& found) {
       return cropped_words(name, given, found);
     };
@@ -320,7 +320,7 @@ void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
                            reordered(group[0])[1], reordered(group[0])[2], reordered(group[0])[3]));
       std::map<int, std::vector<double>> right;
       for (int s : group) right[s] = reordered(s);
-      h.undo = [right](Rig& r, std::vector<Sample>&) {
+      h.undo = [right](Rig& r) {
         for (const auto& camera : right) set_intrinsics(r.sensors[camera.first], camera.second);
       };
       out.push_back(h);

@@ -102,14 +102,18 @@ bool has_collapsed(const Trial& t) {
   });
 }
 
+Recording undone(const Recording& recording, const Hypothesis& h) {
+  const Recording out = h.undo(recording);
+  if (h.ignored_joint < 0) return out;
+  Rig rig = out.rig;
+  rig.joints[h.ignored_joint].sigma = 1;
+  return out.with_rig(std::move(rig));
+}
+
 /// `recording`: what the hypothesis is tried on, all samples or some.
 Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
                      Effort effort) {
-  Rig rig = recording.rig;
-  Samples samples = recording.samples;
-  h.undo(rig, samples);
-  if (h.ignored_joint >= 0) rig.joints[h.ignored_joint].sigma = 1;
-  Trial t{Recording(std::move(rig), std::move(samples)), context.all, {}, kInfinity};
+  Trial t{undone(recording, h), context.all, {}, kInfinity};
   t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
   for (int square : h.squares)
     t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");

@@ -44,7 +44,7 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
           "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved";
       h.cure = "record its readings: what was logged is a constant";
       h.ignored_joint = j;
-      h.undo = [](Rig&, std::vector<Sample>&) {};
+      h.undo = [](Rig&) {};
       out.push_back(h);
     }
     if (joint.type == JointType::prismatic) continue;

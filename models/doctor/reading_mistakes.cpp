@@ -77,9 +77,7 @@ void add_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out
         h.mistake = "joint " + quoted(joint.name) + " turns about another axis than the URDF says";
         h.cure = "write <axis xyz=\"" + xyz +
                  "\"/>, in the joint's own frame (or turn its <origin>, and the next one's back)";
-        h.undo = [j = range.first, other](Rig& r, std::vector<Sample>&) {
-          r.tree.joints[j].axis = other;
-        };
+        h.undo = [j = range.first, other](Rig& r) { r.tree.joints[j].axis = other; };
         out.push_back(std::move(h));
       }
   }
@@ -319,7 +317,7 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
     h.where = {Subject::joint(rig.tree.joints[j].name)};
     h.free = {table.all[scale].name};
     h.rarer = true;
-    h.undo = [](Rig&, std::vector<Sample>&) {};
+    h.undo = [](Rig&) {};
     const std::string lengths = rig.tree.joints[j].type == JointType::prismatic
                                     ? sensors_of_lengths(rig, survey)
                                     : std::string();
@@ -412,7 +410,7 @@ void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothes
                   " in the URDF" + (one ? text(" (%.4g)", length) : "");
       h.cure = std::string("write metres into the URDF: ") + unit.cure +
                (one ? text(" (%.4g)", length * unit.metres) : "");
-      h.undo = [group, factor = unit.metres](Rig& r, std::vector<Sample>&) {
+      h.undo = [group, factor = unit.metres](Rig& r) {
         for (int j : group) r.tree.joints[j].parent_T_joint.translation *= factor;
       };
       out.push_back(std::move(h));

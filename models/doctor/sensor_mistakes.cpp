@@ -109,9 +109,7 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
              ".pose by its inverse: it maps coordinates of the sensor" +
              (sensor.model->measurement_kind() == MeasurementKind::chain ? "'s target" : "") +
              " to the link's";
-    h.undo = [s](Rig& r, std::vector<Sample>&) {
-      r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor);
-    };
+    h.undo = [s](Rig& r) { r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor); };
     out.push_back(h);
   }
   for (int t : survey.targets) {
@@ -125,9 +123,7 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
                 " is given the wrong way round, as target_T_link";
     h.cure = "replace targets." + target.name +
              ".mount.pose by its inverse: it maps coordinates of the target to the link's";
-    h.undo = [t](Rig& r, std::vector<Sample>&) {
-      r.targets[t].link_T_target = inverse(r.targets[t].link_T_target);
-    };
+    h.undo = [t](Rig& r) { r.targets[t].link_T_target = inverse(r.targets[t].link_T_target); };
     out.push_back(h);
   }
 }
@@ -150,7 +146,7 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
     const Sensor& sensor = rig.sensors[s];
     if (sensor.pose_given)
       add("sensor", Subject::sensor(sensor.name), "sensors." + sensor.name + ".pose",
-          sensor.link_T_sensor.rotation, [s](Rig& r, std::vector<Sample>&) {
+          sensor.link_T_sensor.rotation, [s](Rig& r) {
             Matrix3d& turn = r.sensors[s].link_T_sensor.rotation;
             turn = of_w_x_y_z(turn);
           });
@@ -159,7 +155,7 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
     const Target& target = rig.targets[t];
     if (target.link >= 0 && target.pose_given)
       add("target", Subject::target(target.name), "targets." + target.name + ".mount.pose",
-          target.link_T_target.rotation, [t](Rig& r, std::vector<Sample>&) {
+          target.link_T_target.rotation, [t](Rig& r) {
             Matrix3d& turn = r.targets[t].link_T_target.rotation;
             turn = of_w_x_y_z(turn);
           });
@@ -194,7 +190,7 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
                  ? ". Or invert what it measures: sensor_T_target maps coordinates of the target "
                    "to the sensor's"
                  : "");
-        h.undo = [s, t, poses](Rig& r, std::vector<Sample>&) {
+        h.undo = [s, t, poses](Rig& r) {
           std::swap(r.sensors[s].link, r.targets[t].link);
           if (poses) std::swap(r.sensors[s].link_T_sensor, r.targets[t].link_T_target);
         };
@@ -216,7 +212,7 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
                   " are on the wrong sides";
       h.cure = "exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name +
                ".link, poses too";
-      h.undo = [s, c](Rig& r, std::vector<Sample>&) {
+      h.undo = [s, c](Rig& r) {
         std::swap(r.sensors[s].link, r.sensors[c].link);
         std::swap(r.sensors[s].link_T_sensor, r.sensors[c].link_T_sensor);
       };
@@ -245,7 +241,7 @@ void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& su
     Hypothesis h;
     h.kind = NoticeKind::baseline;
     h.where = {Subject::sensor(sensor.name)};
-    h.undo = [](Rig&, std::vector<Sample>&) {};
+    h.undo = [](Rig&) {};
     if (baseline > 0) {
       h.free = {table.all[parameter].name};
       h.told = [baseline, camera = sensor.name](const std::vector<double>& found) {
@@ -265,7 +261,7 @@ void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& su
       h.mistake = "the baseline of camera " + quoted(sensor.name) + " has the wrong sign" +
                   text(" (%.4g m)", baseline);
       h.cure = "write it without its minus sign: the right camera's is positive, the left one's 0";
-      h.undo = [s](Rig& r, std::vector<Sample>&) {
+      h.undo = [s](Rig& r) {
         for (ParameterBlock& block : r.sensors[s].parameters)
           if (block.name == "baseline") block.values[0] = -block.values[0];
       };
@@ -348,7 +344,7 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& surve
           "take a model with distortion (brown_conrady, or kannala_brandt for a fisheye) and free "
           "it, or detect in rectified images";
     }
-    h.undo = [group](Rig& r, std::vector<Sample>&) {
+    h.undo = [group](Rig& r) {
       for (int s : group.second) {
         const std::vector<double> intrinsics =
             find_block(r.sensors[s], ParameterKind::intrinsics)->values;
@@ -568,7 +564,7 @@ void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
                                  : "sensors." + h.where[0].name + ".link") +
                ", and its pose, which counts from there";
       h.new_poses = true;
-      h.undo = [seat, link](Rig& r, std::vector<Sample>&) {
+      h.undo = [seat, link](Rig& r) {
         for (int s : seat.sensors) r.sensors[s].link = link;
         if (seat.target >= 0) r.targets[seat.target].link = link;
       };

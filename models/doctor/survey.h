@@ -6,13 +6,48 @@
 #include <map>
 #include <set>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "../notices/notice.h"
 #include "../rig/configuration.h"
+#include "../rig/recording.h"
 
 namespace kincal {
+
+/// An Undo changes a rig, or a rig and its samples, as if a mistake had not been made.
+class Undo {
+ public:
+  Undo() = default;
+  /// From a function of a rig alone, or of both.
+  template <class Change, class = std::enable_if_t<!std::is_same_v<Change, Undo>>>
+  Undo(Change change) {
+    if constexpr (std::is_invocable_v<Change&, Rig&>)
+      rig_ = std::move(change);
+    else
+      both_ = std::move(change);
+  }
+  bool changes_samples() const { return both_ != nullptr; }
+  void operator()(Rig& rig, std::vector<Sample>& samples) const {
+    changes_samples() ? both_(rig, samples) : rig_(rig);
+  }
+  /// Returns the recording without the mistake; it copies no samples that do not change.
+  Recording operator()(const Recording& recording) const {
+    Rig rig = recording.rig;
+    if (!changes_samples()) {
+      rig_(rig);
+      return recording.with_rig(std::move(rig));
+    }
+    std::vector<Sample> samples = recording.samples;
+    both_(rig, samples);
+    return {std::move(rig), std::move(samples)};
+  }
+
+ private:
+  std::function<void(Rig&)> rig_;
+  std::function<void(Rig&, std::vector<Sample>&)> both_;
+};
 
 /// A Hypothesis is a mistake that may have been made, as the transformation of rig and samples that
 /// undoes it.
@@ -21,7 +56,7 @@ struct Hypothesis {
   Subjects where;
   std::string mistake;  // a main clause about the mistake, without its full stop
   std::string cure;     // what to change, a clause without its full stop
-  std::function<void(Rig&, std::vector<Sample>&)> undo;
+  Undo undo;
   std::vector<int>
       squares;  // the sizes of these targets are free besides; undo() makes grids of them
   std::vector<std::string> free;  // parameters that are free besides

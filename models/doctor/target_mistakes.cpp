@@ -129,7 +129,7 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& surv
       h.kind = NoticeKind::square;
       for (int t : group) h.where.push_back(Subject::target(rig.targets[t].name));
       h.squares = group;
-      h.undo = [group, factor](Rig& r, std::vector<Sample>&) {
+      h.undo = [group, factor](Rig& r) {
         for (int t : group) {
           Target& wrong = r.targets[t];
           if (!wrong.grid) wrong.layout = wrong.points, wrong.grid = true, wrong.square = 1;
@@ -197,8 +197,9 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
                    ? "exchange targets." + target.name +
                          ".rows and .columns in the rig, or number the points row by row"
                    : renumber;
-      h.undo = [target_index = t.first, layout = std::move(other.layout)](
-                   Rig& r, std::vector<Sample>&) { set_layout(r.targets[target_index], layout); };
+      h.undo = [target_index = t.first, layout = std::move(other.layout)](Rig& r) {
+        set_layout(r.targets[target_index], layout);
+      };
       out.push_back(h);
     }
     for (const Relabeling& r : relabelings) {
@@ -264,7 +265,7 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
           (complete ? text(", and the points seen make %d rows", seen / width) : "");
       h.undo = [t, layout = laid_out(target, shape, [&](int i) {
                      return std::make_pair(i / width, i % width);
-                   })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
+                   })](Rig& r) { set_layout(r.targets[t], layout); };
       out.push_back(h);
     }
   }
@@ -295,7 +296,7 @@ void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, con
       h.undo = [t, layout = laid_out(target, shape, [&](int i) {
                      const int own = i - by + shape.columns;  // (not negative)
                      return std::make_pair(own / shape.columns - 1, own % shape.columns);
-                   })](Rig& r, std::vector<Sample>&) { set_layout(r.targets[t], layout); };
+                   })](Rig& r) { set_layout(r.targets[t], layout); };
       out.push_back(h);
       all[by].push_back(std::move(h));
     }
@@ -304,7 +305,7 @@ void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, con
     if (each.size() < 2) continue;
     Hypothesis h;
     h.kind = NoticeKind::numbering;
-    std::vector<std::function<void(Rig&, std::vector<Sample>&)>> undo;
+    std::vector<Undo> undo;
     for (const Hypothesis& one : each) {
       h.where.push_back(one.where[0]);
       undo.push_back(one.undo);
@@ -436,7 +437,7 @@ void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypot
           "the points of target " + quoted(target.name) + " are mirrored in the rig", axis,
           "target", "targets." + target.name + ".points");
       h.where = {Subject::target(target.name)};
-      h.undo = [t, axis](Rig& r, std::vector<Sample>&) { r.targets[t].points.row(axis) *= -1; };
+      h.undo = [t, axis](Rig& r) { r.targets[t].points.row(axis) *= -1; };
       out.push_back(h);
     }
   }

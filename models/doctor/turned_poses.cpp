@@ -153,7 +153,7 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
     if (auto turn = near_turn(lower * found * inverse(given) * inverse(lower))) {
       out.push_back(turned("the origin of fixed joint " + quoted(joint.name) + " in the URDF",
                            Subject::joint(joint.name), *turn));
-      out.back().undo = [j, m = *turn](Rig& r, std::vector<Sample>&) {
+      out.back().undo = [j, m = *turn](Rig& r) {
         r.tree.joints[j].parent_T_joint.rotation = r.tree.joints[j].parent_T_joint.rotation * m;
       };
     }
@@ -166,7 +166,7 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
                        target ? Subject::target(name) : Subject::sensor(name), *turn));
   if (of_w_x_y_z(given.rotation).isApprox(given.rotation * *turn, 1e-3))
     out.back().cure += ". A quaternion written w x y z does this: quat is [x, y, z, w]";
-  out.back().undo = [held, m = *turn](Rig& r, std::vector<Sample>&) {
+  out.back().undo = [held, m = *turn](Rig& r) {
     if (held.target >= 0) {
       Pose& pose = r.targets[held.target].link_T_target;
       pose.rotation = pose.rotation * m;

@@ -38,7 +38,7 @@ void keep_turned_over(const Solution& solution, std::vector<Rejected>& rejected,
   const double usual = median(std::move(all), 0);
   const auto fits = [&](const Rejected& r) {
     if (!r.ids.empty()) return false;
-    for (const Sample& sample : camera.samples)
+    for (const Sample& sample : *camera.samples)
       for (const View& view : sample.views)
         if (sample.id == r.sample &&
             (r.target.empty() || lens.targets[view.target].name == r.target))

@@ -104,7 +104,7 @@ Sensor find_camera(const IntrinsicsOptions& options, OneCamera& camera,
           {"model",
            text("'%s': no lens can be judged by what is held out of %zu samples%s: it is %s, as "
                 "in the rig",
-                name.c_str(), camera.samples.size(),
+                name.c_str(), camera.samples->size(),
                 best ? ", for these do not determine a focal length" : "", given.name.c_str())});
   } else {
     out.model = options.model == "rig" ? &given : &find_lens(options.model);
@@ -170,9 +170,9 @@ Status graver(Status a, Status b) {
 /// Estimates a group with its noise. Where the views determine so little that the plain fit leads
 /// nowhere (a focal length runs away from parallel boards), intrinsics are held to where they start
 /// by a prior as wide as the focal length: `held` says so.
-NoiseEstimate estimate_group(Rig rig, const std::vector<Sample>& samples,
+NoiseEstimate estimate_group(Rig rig, const SharedSamples& samples,
                              const CalibrationOptions& options, bool& held) {
-  const std::shared_ptr<const Recording> plain = make_recording(rig, samples);
+  const std::shared_ptr<const Recording> plain = recording_of(rig, samples);
   NoiseEstimate out = uncancelled(estimate_noise(plain, options));
   held = !out.solution.usable();
   if (!held) return out;
@@ -194,8 +194,7 @@ struct GroupFit {
   bool held = false;  // as estimate_group()
 };
 
-GroupFit fit_group(const Rig& rig, const std::vector<Sample>& samples,
-                   const IntrinsicsOptions& options) {
+GroupFit fit_group(const Rig& rig, const SharedSamples& samples, const IntrinsicsOptions& options) {
   GroupFit out;
   out.estimate = estimate_group(rig, samples, options, out.held);
   const Solution& solution = out.estimate.solution;
@@ -212,7 +211,7 @@ struct Group {
   std::vector<CameraIntrinsics> found;
   std::vector<const LensModel*> lenses;
   Rig rig;                       // to start from
-  std::vector<Sample> samples;   // that it sees
+  SharedSamples samples;         // that it sees
   std::vector<OneCamera> alone;  // by sensor, as find_lenses() left them
 };
 
@@ -281,7 +280,7 @@ std::vector<GroupTrial> changes(const Group& group, const Solution& now,
 void choose_together(const IntrinsicsOptions& options, Group& group) {
   if (group.cameras.size() < 2 || options.model != "auto") return;
   options.progress.stage("lenses of all cameras together");
-  Solution now = uncancelled(calibrate(make_recording(group.rig, group.samples), options));
+  Solution now = uncancelled(calibrate(recording_of(group.rig, group.samples), options));
   std::optional<CrossValidation> held_out;
   bool changed = now.status == Status::converged;
   while (changed) {
@@ -310,7 +309,7 @@ void try_warp(const Rig& given, const std::vector<Sample>& samples,
               const IntrinsicsOptions& options, Group& group, GroupFit& fit,
               std::optional<WarpTrial>& trial) {
   Rig rig = at_solution(fit.estimate.solution);
-  if (fit.held || fit.held_out.sensors.empty() || !bend_boards(group.samples, rig)) return;
+  if (fit.held || fit.held_out.sensors.empty() || !bend_boards(*group.samples, rig)) return;
   const HeldOutBlocks flat = blocks(fit.held_out);
   const auto fit_bent = [&](const Rig& bent) {
     options.progress.stage("boards that may be bent");
@@ -332,7 +331,7 @@ void try_warp(const Rig& given, const std::vector<Sample>& samples,
   std::vector<IntrinsicsNote> said;  // as of flat boards
   find_lenses(bent, samples, true, options, group, said);
   if (group.lenses == before) return;
-  bend_boards(group.samples, group.rig);
+  bend_boards(*group.samples, group.rig);
   fit_bent(group.rig);
 }
 
@@ -379,7 +378,7 @@ void calibrate_group(const Rig& rig, const std::vector<Sample>& given,
     if (mistaken[s]) continue;
     say(take_out_far(rig, cameras[s], options, samples));
   }
-  group.samples = seen_by(rig, samples, cameras);
+  group.samples = std::make_shared<const std::vector<Sample>>(seen_by(rig, samples, cameras));
   bool any = std::count(mistaken.begin(), mistaken.end(), 1) > 0;
   std::vector<IntrinsicsNote> of_lenses;
   find_lenses(rig, samples, false, options, group, of_lenses);

@@ -117,12 +117,17 @@ bool bend_boards(const std::vector<Sample>& samples, Rig& rig) {
   return !seen.empty();
 }
 
+std::shared_ptr<const Recording> recording_of(Rig rig, const SharedSamples& samples) {
+  return std::make_shared<const Recording>(std::make_shared<const Rig>(std::move(rig)), nullptr,
+                                           samples);
+}
+
 OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera, bool bent) {
   OneCamera out;
   out.bent = bent;
   out.rig = bench(rig, {camera});
-  out.samples = seen_by(rig, samples, {camera});
-  out.views = camera_views(out.samples, 0);
+  out.samples = std::make_shared<const std::vector<Sample>>(seen_by(rig, samples, {camera}));
+  out.views = camera_views(*out.samples, 0);
   out.starts = {out.rig.sensors[0]};
   for (const char* plain : {"pinhole", "kannala_brandt"}) {
     Rig undistorted = out.rig;
@@ -153,8 +158,8 @@ Solution fit_lens(const LensModel& model, const CalibrationOptions& options, One
   Rig rig = camera.rig;
   rig.sensors[0] = best_start(camera, model);
   set_steps({&model}, rig);
-  if (camera.bent) bend_boards(camera.samples, rig);
-  Solution solution = uncancelled(calibrate(make_recording(rig, camera.samples), options));
+  if (camera.bent) bend_boards(*camera.samples, rig);
+  Solution solution = uncancelled(calibrate(recording_of(std::move(rig), camera.samples), options));
   if (solution.usable()) camera.starts.push_back(at_solution(solution).sensors[0]);
   return solution;
 }

@@ -1,6 +1,7 @@
 // One camera by itself: the lenses that it may have, and how one of them is fitted to its views.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -36,11 +37,16 @@ bool bend_boards(const std::vector<Sample>& samples, Rig& rig);
 /// Returns the root mean square in px of what a solution leaves of a camera's training views.
 double training_rms(const Solution& solution, int sensor);
 
+using SharedSamples = std::shared_ptr<const std::vector<Sample>>;
+
+/// Returns the recording of a rig that shares the samples.
+std::shared_ptr<const Recording> recording_of(Rig rig, const SharedSamples& samples);
+
 /// One camera by itself: its samples, and the cameras that it was found to be, to start from.
 struct OneCamera {
   Rig rig;  // of one sensor
-  std::vector<Sample> samples;
-  std::vector<const View*> views;
+  SharedSamples samples;
+  std::vector<const View*> views;  // of the samples
   std::vector<Sensor> starts;
   bool bent = false;  // its boards: their warp is fitted with each lens
 };

@@ -70,17 +70,20 @@ Parted settle(const std::vector<LensEquations>& views, std::vector<char> second)
   return out;
 }
 
+void set_samples(std::vector<Sample> samples, OneCamera& camera) {
+  camera.samples = std::make_shared<const std::vector<Sample>>(std::move(samples));
+  camera.views = camera_views(*camera.samples, 0);
+}
+
 /// Moves the views of samples `chosen`, in ascending order, out of a camera.
 OneCamera take_out(const std::vector<int>& chosen, OneCamera& camera) {
   OneCamera out = camera;
-  out.samples.clear();
-  std::vector<Sample> kept;
-  for (size_t i = 0; i < camera.samples.size(); ++i)
-    (std::binary_search(chosen.begin(), chosen.end(), static_cast<int>(i)) ? out.samples : kept)
-        .push_back(camera.samples[i]);
-  camera.samples = std::move(kept);
-  camera.views = camera_views(camera.samples, 0);
-  out.views = camera_views(out.samples, 0);
+  std::vector<Sample> kept, moved;
+  for (size_t i = 0; i < camera.samples->size(); ++i)
+    (std::binary_search(chosen.begin(), chosen.end(), static_cast<int>(i)) ? moved : kept)
+        .push_back((*camera.samples)[i]);
+  set_samples(std::move(kept), camera);
+  set_samples(std::move(moved), out);
   return out;
 }
 
@@ -88,11 +91,12 @@ OneCamera take_out(const std::vector<int>& chosen, OneCamera& camera) {
 OneCamera turned(const std::vector<int>& chosen, OneCamera camera) {
   const Eigen::Vector2d last =
       image_size(camera.rig.sensors[0], camera.views) - Eigen::Vector2d::Ones();
+  std::vector<Sample> samples = *camera.samples;
   for (const int i : chosen)
-    for (View& view : camera.samples[i].views)
+    for (View& view : samples[i].views)
       for (size_t k = 0; k < view.z.size(); ++k)
         view.z[k] = last(static_cast<Eigen::Index>(k % 2)) - view.z[k];
-  camera.views = camera_views(camera.samples, 0);
+  set_samples(std::move(samples), camera);
   return camera;
 }
 
@@ -133,7 +137,7 @@ bool turn_back(const std::vector<int>& samples, const LensModel& model,
 /// From the views that two lenses part: all are turned as it suits the lens found so far.
 TurnedBack find_turned(const std::vector<int>& parted, const LensModel& model,
                        const CalibrationOptions& options, const OneCamera& camera) {
-  std::vector<int> all(camera.samples.size());
+  std::vector<int> all(camera.samples->size());
   std::iota(all.begin(), all.end(), 0);
   const OneCamera other = turned(all, camera);
   TurnedBack out;
@@ -142,8 +146,8 @@ TurnedBack find_turned(const std::vector<int>& parted, const LensModel& model,
     if (!turn_back(chosen, model, options, camera, out)) break;
     chosen.clear();
     for (const int i : all)
-      if (lens_misfit(out.lens, camera_views({other.samples[i]}, 0)) <
-          lens_misfit(out.lens, camera_views({camera.samples[i]}, 0)))
+      if (lens_misfit(out.lens, camera_views({(*other.samples)[i]}, 0)) <
+          lens_misfit(out.lens, camera_views({(*camera.samples)[i]}, 0)))
         chosen.push_back(i);
   }
   return out;
@@ -222,7 +226,7 @@ std::vector<IntrinsicsNote> views_of_another_lens(const LensModel& model,
   };
   const TurnedBack back = find_turned(split.samples, model, options, camera);
   // A bent board, or a view that is wrong, leaves much that a lens for each view takes up.
-  if (!the_fewer(back.samples, camera.samples.size()).empty() && gained(back.chi2) &&
+  if (!the_fewer(back.samples, camera.samples->size()).empty() && gained(back.chi2) &&
       (back.of_all < kLikeNoise * back.of_noise || back.of_all < kRest * split.of_all)) {
     note.turned = true;
     note.apart = back.rms;
