@@ -77,7 +77,7 @@ void view(benchmark::State& bench, const SensorModel& model,
   if (model.measures_pose()) {
     z = {0.01, 0, 1, 0, 0, 0, 1};
   } else {
-    for (int i = 0; i < count * model.numbers(); ++i) z.push_back(random.uniform(0.1, 1));
+    for (int i = 0; i < count * model.measurement_size(); ++i) z.push_back(random.uniform(0.1, 1));
   }
   Scan scan;
   scan.axis = Vector3d::UnitY();
@@ -209,7 +209,7 @@ void factor_116(benchmark::State& bench) {
     for (int i = j; i < matrix.rows(); ++i)
       values[static_cast<size_t>(system.origin()[j] + i)] = matrix(i, j);
   std::vector<double> factored = values;
-  Crew alone(1);
+  ThreadPool alone(1);
   for (auto _ : bench) {  // the copy is 1 us of it
     factored = values;
     if (!system.factor(factored.data(), alone)) bench.SkipWithError("not positive definite");

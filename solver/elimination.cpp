@@ -47,8 +47,8 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
       n(p.shared_size()),
       groups(p.groups()),
       system(n, groups, linear_solver, {ranges != nullptr, p.prior_group()}),
-      crew(std::max(1, threads)) {
-  problem.set_workers(crew.size());
+      pool(std::max(1, threads)) {
+  problem.set_workers(pool.size());
   size_t rows_size = 0, largest_rows = 0;
   stores.resize(groups.size());
   for (size_t g = 0; g < groups.size(); ++g) {
@@ -71,7 +71,7 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
     identity.push_back(i);
     block_origin.push_back(static_cast<std::ptrdiff_t>(i) * widest);
   }
-  workers.resize(crew.size());
+  workers.resize(pool.size());
   for (Worker& w : workers) {
     w.sums.shared.resize(ranges ? system.diagonal_storage() + kSlack : system.storage());
     w.sums.eliminated.resize(system.in_blocks() ? system.block_storage() : system.storage());
@@ -91,10 +91,11 @@ Arrowhead::Arrowhead(Problem& p, LinearSolver linear_solver, int threads)
     if (!system.dense() && !ranges) w.block.resize(static_cast<size_t>(widest) * widest);
     w.solution.resize(deepest + kSlack);
   }
-  shares = std::vector<Share>(std::min(pieces.size(), static_cast<size_t>(Crew::kMostShares)));
+  shares =
+      std::vector<Share>(std::min(pieces.size(), static_cast<size_t>(ThreadPool::kMostShares)));
   for (size_t s = 0; s < shares.size(); ++s) {
-    shares[s].first = Crew::first_of(static_cast<int>(s), static_cast<int>(pieces.size()),
-                                     static_cast<int>(shares.size()));
+    shares[s].first = ThreadPool::first_of(static_cast<int>(s), static_cast<int>(pieces.size()),
+                                           static_cast<int>(shares.size()));
     shares[s].sums = workers[0].sums;
   }
   // Dense arrays may be read up to their slack: zero once.
@@ -180,8 +181,8 @@ std::vector<Piece> Arrowhead::partition(int most, const Work& work) const {
 /// sums of numbers.
 template <class Work>
 void Arrowhead::over(std::vector<Piece>& partition, const Work& work) {
-  crew.run(static_cast<int>(partition.size()),
-           static_cast<int>(&partition == &pieces ? shares.size() : Crew::kMostShares),
+  pool.run(static_cast<int>(partition.size()),
+           static_cast<int>(&partition == &pieces ? shares.size() : ThreadPool::kMostShares),
            [&](int piece, int worker) { work(partition[piece], worker); });
 }
 
@@ -470,9 +471,9 @@ void Arrowhead::add_shares(const Pass& pass) {
       totals().eliminated_gradient += shares[i].sums.eliminated_gradient;
   }
   if (!pass.eliminate || !system.in_blocks()) return;
-  const double* sums[Crew::kMostShares];
+  const double* sums[ThreadPool::kMostShares];
   for (size_t i = 0; i < shares.size(); ++i) sums[i] = shares[i].sums.eliminated.data();
-  crew.run(kPieces, Crew::kMostShares, [&](int piece, int) {
+  pool.run(kPieces, ThreadPool::kMostShares, [&](int piece, int) {
     system.put_blocks(whole_matrix.data(), sums, static_cast<int>(shares.size()), {piece, kPieces});
   });
 }
@@ -623,7 +624,7 @@ bool Arrowhead::find_curvature(const VectorXd& state, const std::function<void()
 /// Step of the assembled system at damping lambda; promised decrease of twice the cost and length
 /// in standard deviations.
 bool Arrowhead::step(const VectorXd& state, double lambda, double& promised, double& length) {
-  if (!system.factor(damped_matrix().data(), crew)) return false;
+  if (!system.factor(damped_matrix().data(), pool)) return false;
   for (int i = 0; i < n; ++i) right_side[i] = -totals().eliminated_gradient(i);
   system.solve(damped_matrix().data(), right_side.data());
   for (int i = 0; i < n; ++i) shared_step(i) = right_side[i];

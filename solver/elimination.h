@@ -41,9 +41,9 @@ struct Sums {
 };
 
 /// A Share is some neighbouring pieces, whose sums are added here in the pieces' order; the totals
-/// are the sums of the shares in theirs. Threads begin with different shares (Crew::run), so that
-/// these matrices seldom go from one core to another, which is what slows two threads down whose
-/// cores share no cache.
+/// are the sums of the shares in theirs. Threads begin with different shares (ThreadPool::run), so
+/// that these matrices seldom go from one core to another, which is what slows two threads down
+/// whose cores share no cache.
 struct alignas(kCacheLine) Share {
   int first = 0;             // piece
   std::atomic<int> turn{0};  // piece whose sums are added next
@@ -170,7 +170,7 @@ class Arrowhead {
                         int worker);
   void private_steps(Piece& p, size_t g, const Column& a, double lambda, int worker);
 
-  Crew crew;
+  ThreadPool pool;
   std::vector<Piece> pieces, fine_pieces;
   std::vector<Share> shares;  // of `pieces`; the sums of the first one become the totals
   std::vector<GroupStore> stores;

@@ -432,16 +432,16 @@ MatrixXd ReducedSystem::full(const double* values) const {
   return m.selfadjointView<Eigen::Lower>();
 }
 
-/// Columns from which on a crew saves more than it costs to call it once a strip.
+/// Columns from which on a pool saves more than it costs to call it once a strip.
 constexpr int kShared = 300;
 
-/// Kernels::cholesky() by a crew, which shares the columns behind each strip: the same bits. Who
+/// Kernels::cholesky() by a pool, which shares the columns behind each strip: the same bits. Who
 /// has the next strip's columns factors them at once, while the others are at work on the rest.
-static bool factor_together(double* a, int n, int ld, Crew& crew) {
+static bool factor_together(double* a, int n, int ld, ThreadPool& pool) {
   bool definite = kernels().factor_columns(a, n, std::min(kStrip, n), ld);
   for (int strip = 0; definite && strip + kStrip < n; strip += kStrip) {
     double* corner = a + strip * (static_cast<std::ptrdiff_t>(ld) + 1);
-    crew.run((n - strip - 1) / kStrip, Crew::kMostShares, [&](int piece, int) {
+    pool.run((n - strip - 1) / kStrip, ThreadPool::kMostShares, [&](int piece, int) {
       const int first = (piece + 1) * kStrip, rows = n - strip - first,
                 columns = std::min(kStrip, rows);
       double* block = corner + first * (static_cast<std::ptrdiff_t>(ld) + 1);
@@ -452,9 +452,9 @@ static bool factor_together(double* a, int n, int ld, Crew& crew) {
   return definite;
 }
 
-bool ReducedSystem::factor(double* values, Crew& crew) {
+bool ReducedSystem::factor(double* values, ThreadPool& pool) {
   if (dense_)
-    return n_ > kShared && crew.size() > 1 ? factor_together(values, n_, ld_, crew)
+    return n_ > kShared && pool.size() > 1 ? factor_together(values, n_, ld_, pool)
                                            : kernels().cholesky(values, n_, ld_);
   return fronts_ ? fronts_->factor(values) : cholmod_->compute(values);
 }

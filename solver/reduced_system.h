@@ -20,7 +20,7 @@
 
 namespace kincal {
 
-class Crew;  // threads.h
+class ThreadPool;  // threads.h
 
 /// GroupKinds says which groups couple less than all that they touch: all groups are those of a
 /// RangeProblem, or `priors` is that of the priors (-1: none), which couple columns of one run
@@ -88,8 +88,8 @@ class ReducedSystem {
   MatrixXd full(const double* values) const;
 
   /// Factors the matrix; false if it is not positive definite to rounding. A dense system is
-  /// factored in place, without allocation, by the whole crew if it is large: the same bits.
-  bool factor(double* values, Crew& crew);
+  /// factored in place, without allocation, by the whole pool if it is large: the same bits.
+  bool factor(double* values, ThreadPool& pool);
   /// Solves S x = b in place, after factor(); b has kSlack numbers behind its n.
   void solve(const double* factored, double* b);
 

@@ -1,4 +1,4 @@
-// A fixed crew of threads for loops whose pieces are independent.
+// A fixed pool of threads for loops whose pieces are independent.
 #pragma once
 
 #include <atomic>
@@ -16,13 +16,13 @@
 
 namespace kincal {
 
-/// A Crew runs pieces of work on `count` threads, the caller's being one of them. Which thread
-/// takes which piece is open: results must depend on the piece only. With count 1 no thread is
-/// started.
-class Crew {
+/// A ThreadPool runs pieces of work on `count` threads, the caller's being one of them. Which
+/// thread takes which piece is open: results must depend on the piece only. With count 1 no thread
+/// is started.
+class ThreadPool {
  public:
   /// @throws std::system_error where the system does not give so many threads.
-  explicit Crew(int count) {
+  explicit ThreadPool(int count) {
     try {
       for (int worker = 1; worker < count; ++worker)
         threads_.emplace_back([this, worker] { serve(worker); });
@@ -36,9 +36,9 @@ class Crew {
       throw;
     }
   }
-  ~Crew() { stop(); }
-  Crew(const Crew&) = delete;
-  Crew& operator=(const Crew&) = delete;
+  ~ThreadPool() { stop(); }
+  ThreadPool(const ThreadPool&) = delete;
+  ThreadPool& operator=(const ThreadPool&) = delete;
 
   int size() const { return static_cast<int>(threads_.size()) + 1; }
 

@@ -107,7 +107,7 @@ double ray_sees(const std::vector<const Plane*>& planes, const std::vector<Pixel
 /// straight edge leaves no pixel without a corner on either side of it), else of many.
 std::array<double, kFine * kFine> parts_of(const std::vector<const Plane*>& planes,
                                            const std::vector<PixelCorners>& seen, double behind,
-                                           Draws& draws) {
+                                           RandomStream& draws) {
   std::array<double, kFine * kFine> out;
   out.fill(behind);
   if (planes.empty()) return out;
@@ -182,7 +182,7 @@ CameraRays camera_rays(const Rig& rig, const ParameterTable& table, const Vector
 }
 
 cv::Mat expose(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
-               Draws& draws) {
+               RandomStream& draws) {
   std::vector<Plane> planes;
   for (const Sheet& sheet : sheets) planes.push_back(plane_of(sheet, rays.eye));
   const std::uint64_t seed = draws.bits();
@@ -217,7 +217,7 @@ cv::Mat expose(const CameraRays& rays, const std::vector<Sheet>& sheets, const L
   return gathered(fine, look);
 }
 
-cv::Mat develop(const cv::Mat& light, double noise, Draws& draws) {
+cv::Mat develop(const cv::Mat& light, double noise, RandomStream& draws) {
   cv::Mat out(light.size(), CV_8U);
   for (int row = 0; row < light.rows; ++row)
     for (int column = 0; column < light.cols; ++column) {
@@ -229,7 +229,7 @@ cv::Mat develop(const cv::Mat& light, double noise, Draws& draws) {
 }
 
 cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
-                     Draws draws) {
+                     RandomStream draws) {
   const cv::Mat light = expose(rays, sheets, look, draws);
   return develop(light, look.noise, draws);
 }

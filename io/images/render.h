@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
-#include "../../models/rig/draws.h"
 #include "../../models/rig/parameters.h"
+#include "../../models/rig/random_stream.h"
 #include "print.h"
 
 namespace kincal {
@@ -54,11 +54,11 @@ struct Look {
 /// Exposes a picture: grey levels without noise, rows x columns (CV_64F). The nearest sheet is
 /// seen, the back of one is grey. What is random comes from `draws`.
 cv::Mat expose(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
-               Draws& draws);
+               RandomStream& draws);
 /// Adds noise (grey levels, sigma) to an exposed picture and makes it 8 bits grey.
-cv::Mat develop(const cv::Mat& light, double noise, Draws& draws);
+cv::Mat develop(const cv::Mat& light, double noise, RandomStream& draws);
 /// Takes a picture, 8 bits grey: both.
 cv::Mat take_picture(const CameraRays& rays, const std::vector<Sheet>& sheets, const Look& look,
-                     Draws draws);
+                     RandomStream draws);
 
 }  // namespace kincal

@@ -83,7 +83,7 @@ int render_samples(const RigFile& rig, const std::string& samples, const std::st
     const PictureTask& task = tasks[i];
     const cv::Mat picture =
         take_picture(studio.rays.at(task.sensor), sheets_before(studio, task.sensor, *task.posture),
-                     options.look, Draws(~options.seed, i));
+                     options.look, RandomStream(~options.seed, i));
     std::vector<uchar> png;
     cv::imencode(".png", picture, png,
                  {cv::IMWRITE_PNG_COMPRESSION, 9, cv::IMWRITE_PNG_STRATEGY,

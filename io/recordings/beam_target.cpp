@@ -7,8 +7,8 @@
 #include <numeric>
 #include <opencv2/core.hpp>
 
-#include "../../models/rig/draws.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/random_stream.h"
 #include "../images/detect.h"
 #include "../images/plane_view.h"
 #include "beam_corner.h"
@@ -196,7 +196,7 @@ std::vector<RangedBeam> bright_beams(const Beams& beams, const std::vector<BeamC
 /// there is one.
 bool fit_plane(std::vector<RangedBeam>& beams, RangePlane& plane) {
   if (beams.size() < 12) return false;
-  Draws draws(1);
+  RandomStream draws(1);
   double best = 1e300;
   const auto look = [&](const RangePlane& p) {
     std::vector<double> errors;

@@ -122,7 +122,7 @@ class Photographer {
                 [&](size_t i) {
                   const Frame& f = *wanted[i].second;
                   const int sensor = cameras_[f.camera].sensor;
-                  Draws draws(~options_.seed, kExposures + 4 * f.at);
+                  RandomStream draws(~options_.seed, kExposures + 4 * f.at);
                   exposed[i] = expose(studio_.rays.at(sensor),
                                       sheets_before(studio_, sensor, journey_.at(f.time)),
                                       options_.look, draws);
@@ -131,7 +131,7 @@ class Photographer {
     for (size_t i = 0; i < wanted.size(); ++i) light[wanted[i].first] = exposed[i];
     in_parallel(frames.size(), options_.threads,
                 [&](size_t i) {
-                  Draws draws(~options_.seed, kNoise + 4 * frames[i].at);
+                  RandomStream draws(~options_.seed, kNoise + 4 * frames[i].at);
                   pictures[i] = develop(light.at(key(frames[i])), options_.look.noise, draws);
                 },
                 {});
@@ -184,9 +184,9 @@ class Logger {
     in_parallel(scans.size(), options_.threads,
                 [&](size_t i) {
                   const std::uint64_t number = from * lasers_.size() + i;
-                  scans[i] =
-                      lasers_[i % lasers_.size()].scan(journey_, starts[i / lasers_.size()],
-                                                       Draws(~options_.seed, kScans + 4 * number));
+                  scans[i] = lasers_[i % lasers_.size()].scan(
+                      journey_, starts[i / lasers_.size()],
+                      RandomStream(~options_.seed, kScans + 4 * number));
                 },
                 {});
     for (size_t i = 0; i < scans.size(); ++i) {
@@ -222,7 +222,7 @@ class Logger {
   const std::vector<SimulatedLaser>& lasers_;
   BagWriter& bag_;
   const BagOptions& options_;
-  Draws reading_draws_, tilt_draws_;
+  RandomStream reading_draws_, tilt_draws_;
   std::vector<std::string> names_;
   std::vector<int> topics_;      // by laser
   int joints_ = -1, scans_ = 0;  // the topic; scans that each laser has taken

@@ -59,7 +59,7 @@ Pose SimulatedLaser::base_T_laser(const Posture& posture, double time) const {
       .base_T_sensor(sensor_);
 }
 
-LaserScan SimulatedLaser::scan(const Journey& journey, double time, Draws draws) const {
+LaserScan SimulatedLaser::scan(const Journey& journey, double time, RandomStream draws) const {
   Posture posture = journey.at(time);
   posture.readings[static_cast<size_t>(joint_)] = reading(time);
   const Pose base_T_laser_then = base_T_laser(posture, time);

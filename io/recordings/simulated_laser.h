@@ -36,7 +36,7 @@ class SimulatedLaser {
   /// Returns the joint's true reading at a time, s.
   double reading(double time) const;
   /// Returns the scan that begins at a time, s.
-  LaserScan scan(const Journey& journey, double time, Draws draws) const;
+  LaserScan scan(const Journey& journey, double time, RandomStream draws) const;
 
  private:
   Pose base_T_laser(const Posture& posture, double time) const;

@@ -78,7 +78,8 @@ const std::array<std::array<double, 2>, kRays>& spot() {
 
 }  // namespace
 
-Beam shoot(const LaserScene& scene, const Pose& scene_T_beam, const LaserLook& look, Draws& draws) {
+Beam shoot(const LaserScene& scene, const Pose& scene_T_beam, const LaserLook& look,
+           RandomStream& draws) {
   Beam out;
   const Ray middle{scene_T_beam.translation, scene_T_beam.rotation.col(0)};
   const std::vector<const Sheet*> sheets = sheets_in(scene, middle, look.spot);
@@ -105,7 +106,7 @@ Beam shoot(const LaserScene& scene, const Pose& scene_T_beam, const LaserLook& l
 }
 
 LaserScan simulate_scan(const LaserScene& scene, const std::function<Pose(double)>& scene_T_sensor,
-                        double time, const LaserLook& look, Draws& draws) {
+                        double time, const LaserLook& look, RandomStream& draws) {
   LaserScan out;
   out.time = time;
   out.angle_min = -look.half_angle;

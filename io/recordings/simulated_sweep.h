@@ -33,11 +33,12 @@ struct LaserScene {
 };
 
 /// Returns one beam: range and intensity along x of `scene_T_beam`.
-Beam shoot(const LaserScene& scene, const Pose& scene_T_beam, const LaserLook& look, Draws& draws);
+Beam shoot(const LaserScene& scene, const Pose& scene_T_beam, const LaserLook& look,
+           RandomStream& draws);
 
 /// Returns one turn of the mirror that begins at `time`; `scene_T_sensor` says where the laser is,
 /// at every time.
 LaserScan simulate_scan(const LaserScene& scene, const std::function<Pose(double)>& scene_T_sensor,
-                        double time, const LaserLook& look, Draws& draws);
+                        double time, const LaserLook& look, RandomStream& draws);
 
 }  // namespace kincal

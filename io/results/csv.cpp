@@ -40,7 +40,7 @@ std::string residuals_csv(const Report& report) {
     const Sensor& sensor = rig.sensors[r.view->sensor];
     const int rows = sensor.model->rows();
     const bool poses = sensor.model->measures_pose();
-    const int numbers = poses ? (r.view->z.empty() ? 0 : 3) : sensor.model->numbers();
+    const int numbers = poses ? (r.view->z.empty() ? 0 : 3) : sensor.model->measurement_size();
     const Eigen::Index blocks = r.raw.size() / rows, white = r.whitened.size() / blocks;
     const auto found = before.find(r.view);
     const Sample& sample = report.solution.samples()[r.sample];

@@ -93,7 +93,7 @@ std::vector<BentJoint> bent_joints(const Solution& solution) {
     out.push_back({rig.tree.joints[j].name,
                    model.name(),
                    {{"scale", solution.values.shared(table.all[table.joint_scale[j]].start)}}});
-    const std::vector<JointNumber> further = model.further();
+    const std::vector<JointNumber> further = model.extra_parameters();
     for (size_t k = 0; k < further.size(); ++k) {
       const Parameter& p = table.all[table.joint_offset[j] + 2 + static_cast<int>(k)];
       out.back().numbers.push_back({further[k].name, solution.values.shared(p.start)});

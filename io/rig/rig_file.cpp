@@ -404,17 +404,18 @@ void read_joint_models(const Field& field, const Tree& tree, const JointModels& 
     for (int j : matching(entry, member.first, names_of(tree.joints))) settings[j].model = model;
   }
   for (JointSettings& joint : settings)
-    for (const JointNumber& number : joint.model->further()) joint.further.push_back(number.value);
+    for (const JointNumber& number : joint.model->extra_parameters())
+      joint.further.push_back(number.value);
 }
 
 /// Reads the further numbers of a joint's model. Those of other models are errors.
 void read_further(const Field& entry, const std::string& joint, const JointModels& models,
                   JointSettings& settings) {
-  const std::vector<JointNumber> numbers = settings.model->further();
+  const std::vector<JointNumber> numbers = settings.model->extra_parameters();
   for (size_t k = 0; k < numbers.size(); ++k)
     if (entry.has(numbers[k].name)) settings.further[k] = entry[numbers[k].name].number();
   for (const auto& model : models)
-    for (const JointNumber& other : model->further())
+    for (const JointNumber& other : model->extra_parameters())
       if (entry.has(other.name) &&
           std::none_of(numbers.begin(), numbers.end(),
                        [&](const JointNumber& number) { return number.name == other.name; }))
@@ -479,7 +480,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
   const Names names = names_of(tree.joints);
   Names keys = {"sigma", "offset", "scale", "model"};
   for (const auto& model : models)
-    for (const JointNumber& number : model->further()) keys.push_back(number.name);
+    for (const JointNumber& number : model->extra_parameters()) keys.push_back(number.name);
   read_joint_models(field, tree, models, settings);
   for (const auto& member : field.node->members) {
     const std::string& pattern = member.first;

@@ -102,7 +102,7 @@ bool same(const JointSettings& a, const JointSettings& b) {
 void set_model(Node& entry, const JointSettings& given, const JointSettings& now) {
   const bool other = given.model != now.model;
   if (other) member(entry, "model") = text_node(now.model->name());
-  const std::vector<JointNumber> numbers = now.model->further();
+  const std::vector<JointNumber> numbers = now.model->extra_parameters();
   for (size_t k = 0; k < numbers.size(); ++k)
     if (other || given.further[k] != now.further[k])
       member(entry, numbers[k].name) = number_node(now.further[k]);

@@ -225,7 +225,7 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
     if (field.has("ids")) field["ids"].fail("a " + sensor.type + " view has no 'ids'");
     if (!payload.empty()) view.z = read_pose_numbers(field[payload]);
   } else {
-    const int numbers = sensor.model->numbers();
+    const int numbers = sensor.model->measurement_size();
     view.z = numbers == 1 ? field[payload].vector() : field[payload].table(numbers);
     std::vector<int> ids =
         read_ids(field, field[payload], target, static_cast<int>(view.z.size()) / numbers);
@@ -344,7 +344,7 @@ std::string json_view(const Rig& rig, const View& view, const std::string& image
   if (!sensor.model->measures_pose()) {
     std::string ids;
     for (int id : view.ids) ids += (ids.empty() ? "" : ", ") + std::to_string(id);
-    const int numbers = sensor.model->numbers();
+    const int numbers = sensor.model->measurement_size();
     if (count > 0 || image.empty())
       out += ", \"ids\": [" + ids + "], \"" + payload + "\": " +
              (numbers == 1 ? list_text(view.z.data(), count)

@@ -11,8 +11,8 @@
 #include <pugixml.hpp>
 #include <stdexcept>
 
-#include "../../models/rig/draws.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/random_stream.h"
 #include "../../models/rig/words.h"
 
 namespace kincal {
@@ -208,7 +208,7 @@ class WrittenRobot {
 
 /// Uniform in the joint's limits; +-pi without limits, or where they span turns upon turns (1e16
 /// occurs: all digits would be lost).
-double random_reading(const Joint& joint, Draws& draws) {
+double random_reading(const Joint& joint, RandomStream& draws) {
   const bool usable = joint.lower < joint.upper && joint.lower > -4 * kPi && joint.upper < 4 * kPi;
   return usable ? draws.uniform(joint.lower, joint.upper) : draws.uniform(-kPi, kPi);
 }
@@ -235,7 +235,7 @@ void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Po
                 const std::vector<double>& offsets, int postures) {
   const Tree& tree = input.tree;
   const WrittenRobot written(read_written(text, input), tree);
-  Draws draws(20240229);
+  RandomStream draws(20240229);
   std::vector<double> readings(tree.joints.size(), 0), positions(tree.joints.size(), 0);
   for (int posture = 0; posture < postures; ++posture) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {

@@ -9,8 +9,8 @@
 #include "../../kinematics/floating.h"
 #include "../../solver/observability.h"
 #include "../rig/configuration.h"
-#include "../rig/draws.h"
 #include "../rig/geometry.h"
+#include "../rig/random_stream.h"
 
 namespace kincal {
 namespace {
@@ -179,7 +179,7 @@ UnseenPoses unseen_poses(const Solution& solution) {
 }
 
 std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t seed) {
-  Draws draws(seed);
+  RandomStream draws(seed);
   std::vector<Readings> out(count, Readings(rig.tree.joints.size(), kNan));
   for (Readings& readings : out) draw_readings(rig.tree, draws, readings);
   return out;

@@ -94,7 +94,7 @@ MatrixXd loop_residuals(const Rig& rig, const ParameterTable& table, const Vecto
   if (model.measures_pose()) return pose_residual(rig, table, values, from, to);
   // Point by point, as a target of one point at the origin.
   const Matrix3Xd origin = Matrix3Xd::Zero(3, 1);
-  const int id = 0, block = table.sensor_block[view.sensor], numbers = model.numbers();
+  const int id = 0, block = table.sensor_block[view.sensor], numbers = model.measurement_size();
   const auto both = common_points(from, to);
   MatrixXd out(model.rows(), static_cast<Eigen::Index>(both.size()));
   for (size_t i = 0; i < both.size(); ++i) {

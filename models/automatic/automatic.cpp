@@ -340,7 +340,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
 
 /// What errors are predicted from: all that was estimated or held, and what no measurement sees.
 Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
-                         const Holding& holding) {
+                         const Selection& selection) {
   Prediction out;
   out.columns = learned.columns;
   std::vector<double> variance;
@@ -348,12 +348,12 @@ Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
     for (const Member& m : groups.groups[g].unseen) {
       const double width = learned.widths.factor(static_cast<Eigen::Index>(g)) * m.start;
       out.columns.push_back(m.component);
-      variance.push_back(width * width * holding.inflation(static_cast<Eigen::Index>(g)));
+      variance.push_back(width * width * selection.inflation(static_cast<Eigen::Index>(g)));
     }
   const auto n = static_cast<Eigen::Index>(learned.columns.size()),
              all = static_cast<Eigen::Index>(out.columns.size());
   out.covariance.setZero(all, all);
-  out.covariance.topLeftCorner(n, n) = holding.second_moment;
+  out.covariance.topLeftCorner(n, n) = selection.second_moment;
   for (Eigen::Index i = n; i < all; ++i) out.covariance(i, i) = variance[i - n];
   return out;
 }
@@ -382,7 +382,7 @@ void set_predicted_sigmas(Solution& solution) {
 }
 
 std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& learned,
-                                 const Holding& holding, const Solution& solution) {
+                                 const Selection& selection, const Solution& solution) {
   const ParameterTable& table = solution.table();
   std::vector<AutomaticGroup> out;
   for (size_t g = 0; g < groups.groups.size(); ++g) {
@@ -391,8 +391,8 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
     one.name = groups.groups[g].name;
     one.factor = learned.widths.factor(k);
     one.gamma = learned.widths.gamma(k);
-    one.gain = holding.gain(k);
-    one.held = holding.whole[g];
+    one.gain = selection.gain(k);
+    one.held = selection.whole[g];
     for (size_t i = 0; i < learned.columns.size(); ++i) {
       if (learned.problem.group[i] != static_cast<int>(g)) continue;
       const auto c = static_cast<Eigen::Index>(i);
@@ -401,9 +401,10 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
       number.unit = table.unit(learned.columns[i]);
       number.width = one.factor * learned.problem.start(c);
       number.told = 1 - learned.widths.posterior.variance(c) / (number.width * number.width);
-      number.held = holding.held[i] && !std::count(solution.columns.begin(), solution.columns.end(),
-                                                   learned.columns[i]);  // `free` names it
-      one.held = one.held && (number.held || !holding.held[i]);
+      number.held =
+          selection.held[i] && !std::count(solution.columns.begin(), solution.columns.end(),
+                                           learned.columns[i]);  // `free` names it
+      one.held = one.held && (number.held || !selection.held[i]);
       number.value = number.held ? 0
                                  : value_of(table, solution.initial, solution.values.shared,
                                             learned.columns[i]);
@@ -413,7 +414,7 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
     for (const Member& m : groups.groups[g].unseen) {
       const double width = one.factor * m.start;
       one.unseen.push_back({table.name(m.component), table.unit(m.component), 0,
-                            width * std::sqrt(holding.inflation(k)), width, 0, true});
+                            width * std::sqrt(selection.inflation(k)), width, 0, true});
     }
     out.push_back(std::move(one));
   }
@@ -534,15 +535,15 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     return out;
   }
   options.progress.stage("what there is evidence for");
-  const Holding holding = hold(learned.problem, learned.widths);
+  const Selection selection = hold(learned.problem, learned.widths);
   std::vector<Component> held;
-  for (size_t i = 0; i < holding.held.size(); ++i)
-    if (holding.held[i]) held.push_back(learned.columns[i]);
+  for (size_t i = 0; i < selection.held.size(); ++i)
+    if (selection.held[i]) held.push_back(learned.columns[i]);
   const std::shared_ptr<const Recording> final =
       with_steps(*learned.recording, steps_of(recording, groups, learned.widths.factor, held));
   if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, false, true));
   VectorXd start = learned.values.shared;
-  put_back(recording.table, solution.initial, learned.columns, holding.held, start);
+  put_back(recording.table, solution.initial, learned.columns, selection.held, start);
   const Solution mounts = std::move(solution);
   StepVariations variations;
   variations.start = mounts.values.shared;
@@ -559,7 +560,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   }
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return out;
-  solution.prediction = prediction_of(groups, learned, holding);
+  solution.prediction = prediction_of(groups, learned, selection);
   out.other_models =
       other_models(recording, {learned.problem, learned.columns}, learned.widths, solution.initial);
   for (const OtherModel& other : out.other_models)
@@ -570,7 +571,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
                           learned.other_models.end());
   set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
-  out.groups = told(groups, learned, holding, solution);
+  out.groups = told(groups, learned, selection, solution);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
   return out;

@@ -160,10 +160,10 @@ std::optional<OtherModel> length_besides(const Recording& recording, const FitWi
 /// (rig/scales.h), and by 2.5 times as much as any length of another joint.
 std::optional<OtherModel> length_for_sizes(const Recording& recording, const FitWidths& at,
                                            const Widths& widths) {
-  constexpr double kOtherSize = 3;    // sigmas
-  constexpr double kHeldSize = 1e-5;  // of its starting width
-  constexpr double kLoneTimes = 2.5;  // as much as the lengths of other joints
-  constexpr double kRoughly = 0.4;    // of a lone length, before widths are learned anew
+  constexpr double kOtherSize = 3;          // sigmas
+  constexpr double kHeldSize = 1e-5;        // of its starting width
+  constexpr double kSingleLinkTimes = 2.5;  // as much as the lengths of other joints
+  constexpr double kRoughly = 0.4;          // of a lone length, before widths are learned anew
   FitWidths held = at;
   std::vector<Eigen::Index> sizes;
   Subjects other;
@@ -191,7 +191,7 @@ std::optional<OtherModel> length_for_sizes(const Recording& recording, const Fit
   const int joint = recording.table.all[at.columns[length].parameter].owner;
   const Eigen::Index next = largest_length(recording, held, found.posterior, 0, joint);
   const double off = std::abs(found.posterior.value(length));
-  if (off < least || (next >= 0 && off < kLoneTimes * std::abs(found.posterior.value(next))))
+  if (off < least || (next >= 0 && off < kSingleLinkTimes * std::abs(found.posterior.value(next))))
     return std::nullopt;
   OtherModel out = one_length(
       recording, at.columns[length],

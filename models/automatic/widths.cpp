@@ -274,8 +274,8 @@ double evidence_gain(const WidthProblem& p, const Widths& widths, int group) {
                  precision(p, widths.factor));
 }
 
-Holding hold(const WidthProblem& p, const Widths& widths) {
-  Holding out;
+Selection hold(const WidthProblem& p, const Widths& widths) {
+  Selection out;
   out.held.assign(p.start.size(), 0);
   out.whole.assign(p.groups, 0);
   out.gain.setZero(p.groups);

@@ -94,7 +94,7 @@ double evidence_gain(const WidthProblem& problem, const Widths& widths, int grou
 double log_evidence(const WidthProblem& problem, const VectorXd& factor);
 
 /// What is held for want of evidence.
-struct Holding {
+struct Selection {
   std::vector<char> held;   // by unknown
   std::vector<char> whole;  // by group
   VectorXd gain;            // by group: when it was held, or at the end
@@ -105,6 +105,6 @@ struct Holding {
 };
 /// Holds groups whose gain is below 3, the smallest first and the rest judged anew, and of the
 /// others numbers of which the data tell less than a tenth (1 - C_ii / t_i^2).
-Holding hold(const WidthProblem& problem, const Widths& widths);
+Selection hold(const WidthProblem& problem, const Widths& widths);
 
 }  // namespace kincal

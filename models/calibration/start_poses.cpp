@@ -58,7 +58,7 @@ std::vector<int> absent_poses_to_find(const std::vector<StepPlan>& plans,
 /// pose of a sensor or target behind it, `body`, that is not to be found itself.
 struct GivenPose {
   int parameter, body;
-  std::optional<StandIn> stand_in;  // of an origin
+  std::optional<OriginProxy> proxy;  // of an origin
 };
 
 std::vector<GivenPose> given_poses(const std::vector<StepPlan>& plans, const Recording& recording) {
@@ -76,9 +76,9 @@ std::vector<GivenPose> given_poses(const std::vector<StepPlan>& plans, const Rec
       if (!freed.whole || freed.prior) continue;
       if (!origin && is_given(recording.rig, parameter)) out.push_back({p, p, std::nullopt});
       if (!origin) continue;
-      if (const std::optional<StandIn> stand_in = find_stand_in(recording, p, taken)) {
-        out.push_back({p, stand_in->body, stand_in});
-        taken[stand_in->body] = 1;
+      if (const std::optional<OriginProxy> proxy = find_origin_proxy(recording, p, taken)) {
+        out.push_back({p, proxy->body, proxy});
+        taken[proxy->body] = 1;
       }
     }
   return out;
@@ -168,8 +168,7 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
   std::vector<int> unknown = absent;
   for (const GivenPose& g : given) {
     unknown.push_back(g.body);
-    if (g.stand_in)
-      unknown.insert(unknown.end(), g.stand_in->others.begin(), g.stand_in->others.end());
+    if (g.proxy) unknown.insert(unknown.end(), g.proxy->others.begin(), g.proxy->others.end());
   }
   std::sort(unknown.begin(), unknown.end());
   unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
@@ -177,7 +176,7 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
   started.shared = solution.initial;
   UnknownStarts starts = start_unknown_poses(recording, recording.training(), unknown, started);
   for (const GivenPose& g : given)
-    if (g.stand_in) move_origin(table, *g.stand_in, solution.initial, started.shared);
+    if (g.proxy) move_origin(table, *g.proxy, solution.initial, started.shared);
   bool elsewhere = first.status == Status::undefined_start;
   for (const GivenPose& g : given) {
     const auto [moved, turned] = movement(table, g.parameter, first.values.shared, started.shared);

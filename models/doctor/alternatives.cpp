@@ -140,7 +140,7 @@ bool is_impossible(const Recording& recording, const TrialFit& fit) {
 }
 
 std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
-                                              const TrialContext& context, const Stage& stage,
+                                              const TrialContext& context, const FitSpec& spec,
                                               const TrialFit& fit,
                                               const std::vector<std::string>& as_stated) {
   TrialOptions options;
@@ -149,8 +149,7 @@ std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
   options.start = &fit.values;
   options.loss = Loss();
   FreerFit out;
-  out.fit =
-      trial_fit(recording, context, {with_usual_errors(recording, stage, as_stated)}, options);
+  out.fit = trial_fit(recording, context, {with_usual_errors(recording, spec, as_stated)}, options);
   if (!std::isfinite(out.fit.chi2) || out.fit.samples.empty()) return std::nullopt;
   out.evidence = evidence({{recording, out.fit.samples, out.fit.setup, out.fit.values}});
   if (!std::isfinite(out.evidence.log)) return std::nullopt;
@@ -172,11 +171,11 @@ double log_left_out(const Recording& given, const Recording& kept, const TrialFi
   return -(kAnywhere + noise / 2) * left_out(given, kept, fit.samples);
 }
 
-double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
+double log_evidence(const Recording& recording, const TrialContext& context, const FitSpec& spec,
                     const TrialFit& fit, const Hypothesis* h,
                     const std::vector<std::string>& as_stated) {
   const std::optional<FreerFit> freer =
-      fit_with_usual_errors(recording, context, stage, fit, as_stated);
+      fit_with_usual_errors(recording, context, spec, fit, as_stated);
   if (!freer) return -kInfinity;
   return log_with_units(freer->evidence, h) + log_moved(recording, freer->fit, h);
 }

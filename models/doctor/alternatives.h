@@ -57,7 +57,7 @@ struct FreerFit {
 /// Returns that of a trial, where the numbers `as_stated` are not among the errors; nothing: it has
 /// no evidence.
 std::optional<FreerFit> fit_with_usual_errors(const Recording& recording,
-                                              const TrialContext& context, const Stage& stage,
+                                              const TrialContext& context, const FitSpec& spec,
                                               const TrialFit& fit,
                                               const std::vector<std::string>& as_stated = {});
 
@@ -66,7 +66,7 @@ bool is_impossible(const Recording& recording, const TrialFit& fit);
 
 /// Returns the log evidence of a trial, or of the data as they are (`h` null), without what is left
 /// out.
-double log_evidence(const Recording& recording, const TrialContext& context, const Stage& stage,
+double log_evidence(const Recording& recording, const TrialContext& context, const FitSpec& spec,
                     const TrialFit& fit, const Hypothesis* h = nullptr,
                     const std::vector<std::string>& as_stated = {});
 /// Returns the larger of the log evidence with usual errors and with everything as stated.

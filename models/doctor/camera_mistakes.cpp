@@ -31,11 +31,11 @@ void set_intrinsics(Sensor& sensor, const std::vector<double>& values) {
 
 /// Cameras that a mistake may be about together: each alone, those of one link, all. A robot with
 /// many has no time for links.
-std::set<std::vector<int>> camera_sets(const Rig& rig, const Survey& survey) {
+std::set<std::vector<int>> camera_sets(const Rig& rig, const ObservationIndex& observations) {
   std::map<int, std::vector<int>> on_link;
   std::set<std::vector<int>> out;
   std::vector<int> all;
-  for (int s : survey.sensors)
+  for (int s : observations.sensors)
     if (intrinsics_of(rig.sensors[s])) {
       on_link[rig.sensors[s].link].push_back(s);
       all.push_back(s);
@@ -211,8 +211,9 @@ MistakeAndCure focal_words(const std::string& camera, const std::vector<double>&
 
 }  // namespace
 
-void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const std::vector<int>& group : camera_sets(rig, survey)) {
+void add_exchanged_axes(const Rig& rig, const ObservationIndex& observations,
+                        std::vector<Hypothesis>& out) {
+  for (const std::vector<int>& group : camera_sets(rig, observations)) {
     Hypothesis h = about(rig, NoticeKind::exchanged_axes, group);
     h.mistake = "u and v are exchanged in the views of " + cameras(rig, group);
     h.cure =
@@ -229,12 +230,12 @@ void add_exchanged_axes(const Rig& rig, const Survey& survey, std::vector<Hypoth
 }
 
 void add_resolutions(const Rig& rig, const ParameterTable& table,
-                     const std::vector<Sample>& samples, const Survey& survey,
+                     const std::vector<Sample>& samples, const ObservationIndex& observations,
                      const FreedNames& freed, std::vector<Hypothesis>& out) {
   std::map<int, Pixels> pixels;
-  for (int s : survey.sensors)
+  for (int s : observations.sensors)
     if (intrinsics_of(rig.sensors[s])) pixels[s] = pixels_of(samples, s);
-  for (const std::vector<int>& group : camera_sets(rig, survey))
+  for (const std::vector<int>& group : camera_sets(rig, observations))
     for (size_t i = 0; i < plain_factors().size(); ++i) {
       const PlainFactor& plain = plain_factors()[i];
       const double factor = plain.factor;
@@ -281,7 +282,8 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
   }
 }
 
-void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_orders(const Rig& rig, const ObservationIndex& observations,
+                std::vector<Hypothesis>& out) {
   struct Order {
     const char* written;        // what the numbers of the rig are
     std::array<int, 4> places;  // of fx fy cx cy in them
@@ -294,7 +296,7 @@ void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
   const auto oblong = [](const std::vector<double>& k) {
     return k[0] > 0 && k[1] > 0 ? std::abs(std::log(k[0] / k[1])) : kInfinity;
   };
-  for (const std::vector<int>& group : camera_sets(rig, survey))
+  for (const std::vector<int>& group : camera_sets(rig, observations))
     for (const Order& order : orders) {
       const auto reordered = [&](int s) {
         const std::vector<double>& k = *intrinsics_of(rig.sensors[s]);
@@ -327,9 +329,9 @@ void add_orders(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     }
 }
 
-void add_normalised(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                    std::vector<Hypothesis>& out) {
-  for (int s : survey.sensors) {
+void add_normalised(const Rig& rig, const std::vector<Sample>& samples,
+                    const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (int s : observations.sensors) {
     const std::vector<double>* k = intrinsics_of(rig.sensors[s]);
     if (!k) continue;
     const Pixels pixels = pixels_of(samples, s);

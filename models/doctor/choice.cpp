@@ -114,12 +114,12 @@ Recording undone(const Recording& recording, const Hypothesis& h) {
 Trial try_hypothesis(const Recording& recording, const TrialContext& context, const Hypothesis& h,
                      Effort effort) {
   Trial t{undone(recording, h), context.all, {}, kInfinity};
-  t.stage.free.insert(t.stage.free.end(), h.free.begin(), h.free.end());
+  t.spec.free.insert(t.spec.free.end(), h.free.begin(), h.free.end());
   for (int square : h.squares)
-    t.stage.free.push_back("target/" + recording.rig.targets[square].name + "/square");
+    t.spec.free.push_back("target/" + recording.rig.targets[square].name + "/square");
   effort.closed_form = h.new_poses;
   try {
-    t.fit = best_fit(t.recording, context, t.stage, effort);
+    t.fit = best_fit(t.recording, context, t.spec, effort);
     t.cost = has_collapsed(t) ? kInfinity : t.fit.score();
   } catch (const std::invalid_argument&) {  // a path that cannot be walked in the other rig
   }
@@ -207,7 +207,7 @@ class Weighing {
     if (!as_is_)
       as_is_ = log_evidence(recording_, context_, context_.all, now_) +
                log_left_out(recording_, recording_, now_);
-    const double log = log_evidence(t.recording, context_, t.stage, t.fit, &h) +
+    const double log = log_evidence(t.recording, context_, t.spec, t.fit, &h) +
                        log_left_out(recording_, t.recording, t.fit) +
                        log_prior(h.rarer, alike(all, h.kind));
     const double log_odds = log - *as_is_;
@@ -219,7 +219,7 @@ class Weighing {
     found_.push_back({h.kind, h.where, log_odds});
     const Look look = {log_odds, index + (h.rarer ? all.size() : 0)};
     if (best_ && !is_before(look)) return;
-    best_.emplace(Explanatory{h, std::move(t), log_odds, {}});
+    best_.emplace(AcceptedHypothesis{h, std::move(t), log_odds, {}});
     best_at_ = look;
   }
 
@@ -230,7 +230,7 @@ class Weighing {
   }
   bool is_best(NoticeKind kind) const { return best_ && best_->hypothesis.kind == kind; }
 
-  std::optional<Explanatory> take() {
+  std::optional<AcceptedHypothesis> take() {
     for (const Alternative& a : found_)
       if (a.log_odds > best_->log_odds - kAsLikely - precision(best_->log_odds) &&
           a.kind != best_->hypothesis.kind)
@@ -249,7 +249,7 @@ class Weighing {
   bool explains_alone(const Hypothesis& h, const Trial& t) const {
     const std::vector<std::string> all = {"*"};
     return !(h.squares.empty() && h.free.empty()) &&
-           log_evidence(t.recording, context_, t.stage, t.fit, &h, all) + log_prior(h.rarer, 1) -
+           log_evidence(t.recording, context_, t.spec, t.fit, &h, all) + log_prior(h.rarer, 1) -
                    log_evidence(recording_, context_, context_.all, now_, nullptr, all) >
                kFound;
   }
@@ -261,14 +261,14 @@ class Weighing {
   double rough_;                 // of the likeliest so far
   std::optional<double> as_is_;  // log evidence
   std::vector<Alternative> found_;
-  std::optional<Explanatory> best_;
+  std::optional<AcceptedHypothesis> best_;
   Look best_at_{-kInfinity, 0};
 };
 
 /// The hypotheses that pairs are made of: those that free nothing but sizes.
-std::vector<Hypothesis> of_pairs(const Recording& recording, const Stage& stage) {
+std::vector<Hypothesis> of_pairs(const Recording& recording, const FitSpec& spec) {
   std::vector<Hypothesis> out = hypotheses(recording.rig, recording.table, recording.samples,
-                                           freed_names(recording.table, stage));
+                                           freed_names(recording.table, spec));
   out.erase(std::remove_if(out.begin(), out.end(),
                            [](const Hypothesis& h) {
                              return h.ignored_joint >= 0 || !h.free.empty() || h.rescaled >= 0;
@@ -313,8 +313,8 @@ class PairSearch {
     const Trial one = try_hypothesis(recording_, context_, first, {20, 1e-3});
     if (!std::isfinite(one.cost)) return;
     weigh_alone(first, one);
-    const TrialContext further = with_stage(one);
-    std::vector<Hypothesis> others = of_pairs(one.recording, one.stage);
+    const TrialContext further = with_spec(one);
+    std::vector<Hypothesis> others = of_pairs(one.recording, one.spec);
     if (!first.squares.empty())
       others.erase(std::remove_if(others.begin(), others.end(),
                                   [](const Hypothesis& h) { return !h.squares.empty(); }),
@@ -327,7 +327,7 @@ class PairSearch {
   /// besides, which hide in chi2 what it explains.
   void add_suspects(const Hypothesis& first) {
     const Trial one = try_hypothesis(recording_, bearing_outliers(context_), first, {15, 1e-3});
-    const TrialContext further = with_stage(one);
+    const TrialContext further = with_spec(one);
     const TrialFit robust = robust_fit(one.recording, further);
     weigh_alone(first, try_hypothesis(recording_, context_, first, {20, 1e-3}));
     std::vector<Hypothesis> others = turned_views(one.recording, robust);
@@ -342,11 +342,11 @@ class PairSearch {
   const std::optional<Hypothesis>& alone() const { return alone_; }
 
  private:
-  TrialContext with_stage(const Trial& one) const {
+  TrialContext with_spec(const Trial& one) const {
     TrialContext out = context_;
-    out.all = one.stage;
+    out.all = one.spec;
     out.all.loss = context_.all.loss;
-    out.given_poses_freed = frees_given_poses(one.recording, one.stage);
+    out.given_poses_freed = frees_given_poses(one.recording, one.spec);
     return out;
   }
 
@@ -383,8 +383,8 @@ class PairSearch {
 
 }  // namespace
 
-std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
-                                  const TrialFit& now) {
+std::optional<AcceptedHypothesis> choose(const Recording& recording, const TrialContext& context,
+                                         const TrialFit& now) {
   const FreedNames freed = freed_names(recording.table, context.all);
   std::vector<Hypothesis> all =
       hypotheses(recording.rig, recording.table, recording.samples, freed);
@@ -424,7 +424,7 @@ std::optional<Explanatory> choose(const Recording& recording, const TrialContext
     const size_t usual = all.size();
     add_rarer_readings(recording.rig, recording.table, recording.samples, freed, all);
     add_orders_of_rows(recording.rig, recording.samples,
-                       make_survey(recording.rig, recording.samples), all);
+                       make_observation_index(recording.rig, recording.samples), all);
     for (size_t i = usual; i < all.size(); ++i) all[i].rarer = true;
     weigh_likeliest(usual, all.size());
     // One sign may do what two do, but from a start too far for the first look.
@@ -447,7 +447,7 @@ std::optional<Mistakes> choose_two(const Recording& recording, const TrialContex
   if (!best) return std::nullopt;
   const auto log_of = [&](const Mistakes& of) {
     const Trial& t = of.trial;
-    return log_evidence(t.recording, context, t.stage, t.fit) +
+    return log_evidence(t.recording, context, t.spec, t.fit) +
            log_left_out(recording, t.recording, t.fit) + of.log_prior;
   };
   best->log_evidence = log_of(*best);

@@ -10,8 +10,8 @@
 
 namespace kincal {
 
-/// An Explanatory hypothesis explains something; its trial has all samples.
-struct Explanatory {
+/// An AcceptedHypothesis explains something; its trial has all samples.
+struct AcceptedHypothesis {
   Hypothesis hypothesis;
   Trial trial;
   double log_odds;                     // against the data as they are (alternatives.h)
@@ -36,8 +36,8 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t);
 /// Weighs all mistakes and returns the likeliest; nothing if none is a finding. `now`: the fit of
 /// the data as they are; where it leaves nothing to explain, only where its parameters came out
 /// counts.
-std::optional<Explanatory> choose(const Recording& recording, const TrialContext& context,
-                                  const TrialFit& now);
+std::optional<AcceptedHypothesis> choose(const Recording& recording, const TrialContext& context,
+                                         const TrialFit& now);
 
 /// Looks for a second mistake on top of each of the few that lower chi2 most, however little, and
 /// for samples, views and points that are wrong besides on top of each of the few that explain most

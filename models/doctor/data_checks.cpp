@@ -9,7 +9,7 @@
 #include "../estimation/estimation.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "survey.h"
+#include "observation_index.h"
 
 namespace kincal {
 namespace {
@@ -223,10 +223,10 @@ void check_still_joints(const Recording& recording, const FreedNames& freed,
                         std::vector<Notice>& out) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
-  const Survey survey = make_survey(rig, recording.samples);
-  for (const auto& r : survey.ranges) {
+  const ObservationIndex observations = make_observation_index(rig, recording.samples);
+  for (const auto& r : observations.ranges) {
     const int j = r.first;
-    const size_t samples = survey.samples.at(j).size();
+    const size_t samples = observations.samples.at(j).size();
     if (samples < 2 || r.second.second - r.second.first > std::max(1e-6, 3 * rig.joints[j].sigma))
       continue;
     std::vector<std::string> names;

@@ -74,7 +74,7 @@ Evidence prove_by_movement(const TrialFit& now, const TrialFit& fit) {
 }
 
 /// "Or it is ...", of other mistakes that are as likely.
-std::string or_else(const Explanatory& best) {
+std::string or_else(const AcceptedHypothesis& best) {
   std::string out;
   for (const Alternative& a : best.as_likely)
     out += (out.empty() ? ". Or it is " : ", or ") + std::string(id(a.kind)) + " (" +
@@ -87,9 +87,9 @@ std::string or_else(const Explanatory& best) {
 // scale and word
 /// Gives the targets the sizes that the fit found, and replaces what the hypothesis has by these.
 /// `before`: the rig with the mistake.
-void scale(const Rig& before, Explanatory& explanatory, Rig& rig) {
-  Hypothesis& h = explanatory.hypothesis;
-  const std::vector<double> factors = size_factors(before, h, explanatory.trial);
+void scale(const Rig& before, AcceptedHypothesis& accepted, Rig& rig) {
+  Hypothesis& h = accepted.hypothesis;
+  const std::vector<double> factors = size_factors(before, h, accepted.trial);
   h.mistake.clear();
   h.where.clear();
   double largest = 0;
@@ -145,14 +145,14 @@ struct State {
   }
   void undo(Trial trial, Rig rig) {
     recording = make_recording(trial.recording.with_rig(std::move(rig)));
-    context.all = std::move(trial.stage);
+    context.all = std::move(trial.spec);
     context.given_poses_freed = frees_given_poses(*recording, context.all);
     now = std::move(trial.fit);
   }
 };
 
 /// Undoes a mistake and reports it with this evidence.
-void undo_and_tell(Explanatory best, Evidence evidence, State& state) {
+void undo_and_tell(AcceptedHypothesis best, Evidence evidence, State& state) {
   Hypothesis& h = best.hypothesis;
   const bool hidden = good(state.now);
   evidence.sentences += or_else(best);
@@ -174,7 +174,7 @@ void undo_and_tell(Explanatory best, Evidence evidence, State& state) {
 
 /// Weighs all mistakes, undoes the likeliest and reports it; false if none is a finding.
 bool explain(State& state) {
-  std::optional<Explanatory> best = choose(*state.recording, state.context, state.now);
+  std::optional<AcceptedHypothesis> best = choose(*state.recording, state.context, state.now);
   if (!best) return false;
   const bool hidden = state.now.per_dof() < Thresholds::clean_gain * best->trial.fit.per_dof();
   Evidence evidence = hidden ? prove_by_movement(state.now, best->trial.fit)
@@ -188,7 +188,7 @@ bool explain_two(State& state, double least_log) {
   std::optional<Mistakes> best = choose_two(*state.recording, state.context, state.now);
   if (!best || best->log_evidence < least_log) return false;
   Rig rig = best->trial.recording.rig;
-  Explanatory one{{}, std::move(best->trial), 0, {}};
+  AcceptedHypothesis one{{}, std::move(best->trial), 0, {}};
   for (Hypothesis& h : best->hypotheses) {
     if (h.squares.empty()) continue;
     if (size_factors(state.recording->rig, h, one.trial).empty()) return false;
@@ -242,7 +242,7 @@ void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
 // search
 /// What the verdict is about.
 struct Outcomes {
-  Ended ended;  // the calibration that was diagnosed
+  FailureMode failure;  // the calibration that was diagnosed
   double per_dof_at_first;
   bool data_findings;           // some mistake shows in the data alone
   bool wrong_numbers;           // numbers among them that nobody can mean
@@ -253,19 +253,19 @@ struct Outcomes {
 };
 
 /// Of data that need no explanation, but whose calibration ended badly.
-std::string not_a_mistake(const TrialFit& now, Ended ended) {
+std::string not_a_mistake(const TrialFit& now, FailureMode failure) {
   std::string far;
   for (const auto& m : now.moved)
     if (m.second.times > 1)
       far += (far.empty() ? "" : ", ") + m.first + text(" (%.3g)", m.second.by);
-  if (ended == Ended::cannot_start)
+  if (failure == FailureMode::cannot_start)
     return " from other starting values, found from the data. So none of these mistakes was made, "
            "but from the rig's values no fit can start: " +
            (far.empty() ? "give poses nearer to the truth, or leave them away"
                         : "too far from the truth are " + far +
                               " (m, rad, or share of a length): correct them, or leave them away") +
            ".";
-  if (ended == Ended::not_converged)
+  if (failure == FailureMode::not_converged)
     return " if everything is freed at once, without the way of the steps. So none of these "
            "mistakes was made, but the steps do not lead there: start nearer to the truth" +
            (far.empty() ? "" : " (" + far + ")") + ", or free less in the first steps.";
@@ -298,7 +298,7 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
   if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
     out += ", or what sees a free target does not tell where it is";
   if (good(now) && !outcomes.fit_findings) {
-    const std::string words = not_a_mistake(now, outcomes.ended);
+    const std::string words = not_a_mistake(now, outcomes.failure);
     out += !words.empty()           ? words
            : outcomes.data_findings ? ": the fit itself needs no explanation."
                                     : ": nothing to explain.";
@@ -405,7 +405,7 @@ std::vector<Notice> examine_data(const Recording& recording, const TrialContext&
   return out;
 }
 
-Diagnosis examine(const SharedRecording& recording, TrialContext context, Ended ended) {
+Diagnosis examine(const SharedRecording& recording, TrialContext context, FailureMode failure) {
   Diagnosis out;
   out.tested = tested_mistakes();
   std::vector<Notice> by_data = examine_data(*recording, context);
@@ -453,8 +453,8 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Ended 
           state.findings.push_back(std::move(*sigma));
     }
   out.verdict = verdict(*state.recording, state.context, now,
-                        {ended, at_first, !by_data.empty(), wrong_numbers, !state.findings.empty(),
-                         still_joint, changed, out.readings});
+                        {failure, at_first, !by_data.empty(), wrong_numbers,
+                         !state.findings.empty(), still_joint, changed, out.readings});
   if (!still_joint && !changed) say_what_is_left(now, state.findings);
   out.findings = ordered(std::move(state.findings), std::move(by_data),
                          still_joint || changed || now.per_dof() < Thresholds::noise);
@@ -470,7 +470,7 @@ std::optional<Diagnosis> diagnose(const Recording& recording, const DoctorOption
   context.progress = options.progress;
   if (options.compare) context.tried = std::make_shared<std::vector<Alternative>>();
   const SharedRecording planned = make_recording(plan_trials(recording, context));
-  return examine(planned, std::move(context), options.ended);
+  return examine(planned, std::move(context), options.failure);
 } catch (const Cancelled&) {
   return std::nullopt;
 }

@@ -32,12 +32,12 @@
 namespace kincal {
 
 /// How a calibration ended whose data are diagnosed, for words that agree with that.
-enum class Ended { not_told, cannot_start, not_converged };
+enum class FailureMode { not_told, cannot_start, not_converged };
 
 struct DoctorOptions {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
-  Ended ended = Ended::not_told;
+  FailureMode failure = FailureMode::not_told;
   bool compare = false;  // weigh all that is tried by its evidence: Diagnosis::alternatives
   Progress progress;     // is told before each fit which share is done of those to do now
 };

@@ -13,35 +13,36 @@ namespace kincal {
 
 std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
                                    const std::vector<Sample>& samples, const FreedNames& freed) {
-  const Survey survey = make_survey(rig, samples);
+  const ObservationIndex observations = make_observation_index(rig, samples);
   std::vector<Hypothesis> out;
-  add_joints(rig, samples, survey, out);
-  add_pose_readings(rig, samples, survey, out);
-  add_pose_views(rig, survey, out);
-  add_length_units(rig, survey, out);
-  add_bearings(rig, samples, survey, out);
-  add_squares(rig, table, survey, freed, out);
-  add_boards(rig, survey, out);
-  add_widths(rig, samples, survey, out);
-  add_counts_from_one(rig, samples, survey, out);
-  add_point_orders(rig, samples, survey, out);
-  add_mirrors(rig, survey, out);
-  add_mirrored_points(rig, survey, out);
-  add_units(rig, survey, out);
-  add_poses(rig, survey, out);
-  add_quaternions(rig, survey, out);
-  add_sides(rig, survey, out);
-  add_baselines(rig, table, survey, freed, out);
-  add_exchanges(rig, survey, out);
-  add_lenses(rig, table, survey, freed, out);
-  add_exchanged_axes(rig, survey, out);
-  add_resolutions(rig, table, samples, survey, freed, out);
-  add_orders(rig, survey, out);
-  add_normalised(rig, samples, survey, out);
-  add_shifts(rig, samples, survey, out);  // many: last, where bad ones are given up soon
+  add_joints(rig, samples, observations, out);
+  add_pose_readings(rig, samples, observations, out);
+  add_pose_views(rig, observations, out);
+  add_length_units(rig, observations, out);
+  add_bearings(rig, samples, observations, out);
+  add_squares(rig, table, observations, freed, out);
+  add_boards(rig, observations, out);
+  add_widths(rig, samples, observations, out);
+  add_counts_from_one(rig, samples, observations, out);
+  add_point_orders(rig, samples, observations, out);
+  add_mirrors(rig, observations, out);
+  add_mirrored_points(rig, observations, out);
+  add_units(rig, observations, out);
+  add_poses(rig, observations, out);
+  add_quaternions(rig, observations, out);
+  add_sides(rig, observations, out);
+  add_baselines(rig, table, observations, freed, out);
+  add_exchanges(rig, observations, out);
+  add_lenses(rig, table, observations, freed, out);
+  add_exchanged_axes(rig, observations, out);
+  add_resolutions(rig, table, samples, observations, freed, out);
+  add_orders(rig, observations, out);
+  add_normalised(rig, samples, observations, out);
+  add_shifts(rig, samples, observations, out);  // many: last, where bad ones are given up soon
   add_links(rig, samples, out);
   add_apart(rig, samples, out);
-  if (!survey.floating.empty() && survey.ranges.empty())  // the same as poses the wrong way round
+  if (!observations.floating.empty() &&
+      observations.ranges.empty())  // the same as poses the wrong way round
     out.erase(std::remove_if(out.begin(), out.end(),
                              [](const Hypothesis& h) { return h.kind == NoticeKind::eye_in_hand; }),
               out.end());

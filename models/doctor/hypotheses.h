@@ -6,7 +6,7 @@
 
 #include <vector>
 
-#include "survey.h"
+#include "observation_index.h"
 
 namespace kincal {
 

@@ -13,10 +13,10 @@
 
 namespace kincal {
 
-void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                std::vector<Hypothesis>& out) {
+void add_joints(const Rig& rig, const std::vector<Sample>& samples,
+                const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   std::vector<int> too_far;
-  for (const auto& range : survey.ranges) {
+  for (const auto& range : observations.ranges) {
     const int j = range.first;
     const Joint& joint = rig.tree.joints[j];
     const double low = range.second.first, high = range.second.second;
@@ -55,7 +55,7 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey
   }
   if (too_far.empty()) return;
   std::vector<int> turning;
-  for (const auto& range : survey.ranges)
+  for (const auto& range : observations.ranges)
     if (rig.tree.joints[range.first].type != JointType::prismatic) turning.push_back(range.first);
   std::vector<std::vector<int>> groups = {turning};
   if (too_far.size() < turning.size()) groups.push_back(too_far);
@@ -205,8 +205,8 @@ void add_shift_of(int sensor, int by, const Rig& rig, const std::vector<Sample>&
 
 /// Of samples whose numbers have gaps, where pictures were lost: readings of the next number, or
 /// the one before; those that have no such neighbour are left out.
-void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                          std::vector<Hypothesis>& out) {
+void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples,
+                          const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   const std::vector<int> order = logged_order(samples);
   const std::vector<long> numbers = growing_numbers(samples, order);
   if (numbers.size() <= kFewest ||
@@ -224,7 +224,7 @@ void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples, co
                            "pair readings and views of the same time: one of the two logs starts a "
                            "sample too early or too late (seen by the numbers in the samples' "
                            "ids; those whose neighbour is missing were left out)");
-    for (int s : survey.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
+    for (int s : observations.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
     h.leaves_out = true;
     h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
       replace_readings(r, *readings, changed);
@@ -235,11 +235,11 @@ void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples, co
 
 }  // namespace
 
-void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                std::vector<Hypothesis>& out) {
+void add_shifts(const Rig& rig, const std::vector<Sample>& samples,
+                const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   const std::vector<int> order = logged_order(samples);
   if (order.size() <= kFewest) return;
-  add_shifts_by_number(rig, samples, survey, out);
+  add_shifts_by_number(rig, samples, observations, out);
   for (int by : {1, -1}) {
     auto readings = std::make_shared<ReadingsOf>();
     bool moves = false;
@@ -254,14 +254,14 @@ void add_shifts(const Rig& rig, const std::vector<Sample>& samples, const Survey
       Hypothesis h = shifted(by, "the views of every sample",
                              "pair readings and views of the same time: one of the two logs starts "
                              "a sample too early or too late");
-      for (int s : survey.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
+      for (int s : observations.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
       h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
         replace_readings(r, *readings, changed);
       };
       out.push_back(std::move(h));
     }
-    for (int s : survey.sensors)
-      if (survey.sensors.size() > 1 &&
+    for (int s : observations.sensors)
+      if (observations.sensors.size() > 1 &&
           rig.sensors[s].model->measurement_kind() != MeasurementKind::chain)
         add_shift_of(s, by, rig, samples, order, out);
   }
@@ -316,8 +316,8 @@ std::vector<std::pair<std::string, std::vector<size_t>>> other_orders(
 
 }  // namespace
 
-void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                        std::vector<Hypothesis>& out) {
+void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples,
+                        const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   const std::vector<int> order = logged_order(samples);
   if (order.size() <= kFewest) return;
   for (const auto& [how, rows] : other_orders(samples, order)) {
@@ -329,13 +329,13 @@ void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples, cons
     h.kind = NoticeKind::shifted;
     h.mistake = "readings and views are paired in the wrong order: " + how;
     h.cure = "pair readings and views by their names or times, not by their place in a list";
-    for (int s : survey.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
+    for (int s : observations.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
     h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
       replace_readings(r, *readings, changed);
     };
     out.push_back(std::move(h));
   }
-  for (const auto& range : survey.ranges) {
+  for (const auto& range : observations.ranges) {
     const int joint = range.first;
     if (!(range.second.second > range.second.first)) continue;
     auto readings = std::make_shared<ReadingsOf>();

@@ -10,8 +10,8 @@
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "data_checks.h"
+#include "observation_index.h"
 #include "reading_mistakes.h"
-#include "survey.h"
 
 namespace kincal {
 namespace {
@@ -316,7 +316,7 @@ void check_measured_lengths(const Rig& rig, const std::vector<Sample>& samples,
 void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
   std::vector<std::string> names;
   double worst = 0;
-  for (const auto& range : make_survey(rig, samples).ranges) {
+  for (const auto& range : make_observation_index(rig, samples).ranges) {
     const Joint& joint = rig.tree.joints[range.first];
     if (joint.type != JointType::revolute && joint.type != JointType::continuous) continue;
     const bool limited = joint.type == JointType::revolute && joint.upper > joint.lower;
@@ -339,7 +339,7 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
 /// Poses of a floating joint, all of which are further away than any flange.
 void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
                          std::vector<Notice>& out) {
-  for (const int j : make_survey(rig, samples).floating) {
+  for (const int j : make_observation_index(rig, samples).floating) {
     std::vector<double> distances;
     for (const Sample& sample : samples) {
       const Pose pose = pose_reading(rig.tree, j, sample.readings);
@@ -356,7 +356,7 @@ void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
 }
 
 void check_slides(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
-  for (const auto& range : make_survey(rig, samples).ranges) {
+  for (const auto& range : make_observation_index(rig, samples).ranges) {
     const Joint& joint = rig.tree.joints[range.first];
     if (joint.type != JointType::prismatic) continue;
     const bool limited = joint.upper > joint.lower;

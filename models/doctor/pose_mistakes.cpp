@@ -265,8 +265,9 @@ void change_views(std::vector<Sample>& samples, int sensor, const Change& change
 
 }  // namespace
 
-void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const int s : survey.sensors) {
+void add_pose_views(const Rig& rig, const ObservationIndex& observations,
+                    std::vector<Hypothesis>& out) {
+  for (const int s : observations.sensors) {
     if (rig.sensors[s].model->measurement_kind() != MeasurementKind::pose) continue;
     for (const Mistake& mistake : kViewMistakes) {
       Hypothesis h;
@@ -284,9 +285,9 @@ void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis
   }
 }
 
-void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                       std::vector<Hypothesis>& out) {
-  for (const int j : survey.floating) {
+void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
+                       const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (const int j : observations.floating) {
     const std::string& name = rig.tree.joints[j].name;
     const auto add = [&](const Mistake& mistake) {
       Hypothesis h;

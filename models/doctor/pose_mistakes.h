@@ -4,16 +4,17 @@
 
 #include <vector>
 
-#include "survey.h"
+#include "observation_index.h"
 
 namespace kincal {
 
 /// Adds poses that are the wrong way round, in millimetres, or in another convention of rotations
 /// than they were read in.
-void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                       std::vector<Hypothesis>& out);
+void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
+                       const ObservationIndex& observations, std::vector<Hypothesis>& out);
 
 /// Adds measured poses whose quaternions are in another order, or that are of another convention.
-void add_pose_views(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+void add_pose_views(const Rig& rig, const ObservationIndex& observations,
+                    std::vector<Hypothesis>& out);
 
 }  // namespace kincal

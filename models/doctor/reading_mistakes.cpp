@@ -37,8 +37,8 @@ Vector3d axis_seen_from(const Tree& tree, int above, int joint) {
   return axis;
 }
 
-void add_zeros(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const auto& range : survey.ranges) {
+void add_zeros(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (const auto& range : observations.ranges) {
     const int j = range.first;
     if (!turns(rig.tree.joints[j])) continue;
     const std::string name = quoted(rig.tree.joints[j].name);
@@ -62,8 +62,8 @@ void add_zeros(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
 }
 
 /// Axes of turning joints: another of their frame's axes, either way round.
-void add_axes(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const auto& range : survey.ranges) {
+void add_axes(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (const auto& range : observations.ranges) {
     const Joint& joint = rig.tree.joints[range.first];
     if (!turns(joint) || range.second.second - range.second.first < 0.1) continue;
     for (int axis = 0; axis < 3; ++axis)
@@ -95,16 +95,16 @@ void exchange(std::vector<Sample>& samples, const std::vector<std::pair<int, int
     for (const auto& p : pairs) std::swap(s.readings[p.first], s.readings[p.second]);
 }
 
-void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                          std::vector<Hypothesis>& out) {
+void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples,
+                          const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   const Tree& tree = rig.tree;
-  for (const auto& range : survey.ranges) {
+  for (const auto& range : observations.ranges) {
     const int b = range.first;
     int a = b;
     for (int k = 0; k < kNearOnes; ++k) {
       a = moving_joint_above(tree, a);
       if (a < 0) break;
-      if (!survey.ranges.count(a) || turns(tree.joints[a]) != turns(tree.joints[b]) ||
+      if (!observations.ranges.count(a) || turns(tree.joints[a]) != turns(tree.joints[b]) ||
           !have_both(samples, a, b))
         continue;
       Hypothesis h;
@@ -120,14 +120,14 @@ void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples, co
 }
 
 /// Numbers in the order of the arm under names in another, or the reverse: those of all joints.
-void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                      std::vector<Hypothesis>& out) {
+void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples,
+                      const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   std::vector<int> along;
-  for (const auto& range : survey.ranges) along.push_back(range.first);
+  for (const auto& range : observations.ranges) along.push_back(range.first);
   if (along.size() < 3) return;
   for (const int j : along) {
     if (!have_both(samples, along[0], j)) return;
-    for (const int s : survey.sensors)
+    for (const int s : observations.sensors)
       if (rig.sensors[s].scanning_joint == j) return;
   }
   std::vector<int> by_name = along, reversed(along.rbegin(), along.rend());
@@ -177,15 +177,15 @@ std::string other_side(const std::string& name) {
   return "";
 }
 
-void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                        std::vector<Hypothesis>& out) {
+void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples,
+                        const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   std::vector<std::pair<int, int>> pairs;
   Hypothesis h;
-  for (const auto& range : survey.ranges) {
+  for (const auto& range : observations.ranges) {
     const int a = range.first;
     const std::string other = other_side(rig.tree.joints[a].name);
     const int b = other.empty() ? -1 : rig.tree.find_joint(other);
-    if (b <= a || !survey.ranges.count(b)) continue;
+    if (b <= a || !observations.ranges.count(b)) continue;
     // (A sample that has one arm only gets the other's readings.)
     pairs.push_back({a, b});
     h.where.insert(h.where.end(), {Subject::joint(rig.tree.joints[a].name), Subject::joint(other)});
@@ -201,9 +201,10 @@ void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples, cons
   out.push_back(std::move(h));
 }
 
-void add_exchanged_targets(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_exchanged_targets(const Rig& rig, const ObservationIndex& observations,
+                           std::vector<Hypothesis>& out) {
   std::vector<int> mounted;
-  for (int t : survey.targets)
+  for (int t : observations.targets)
     if (rig.targets[t].link >= 0) mounted.push_back(t);
   if (mounted.size() > kFewTargets) return;
   for (int a : mounted)
@@ -227,15 +228,15 @@ void add_exchanged_targets(const Rig& rig, const Survey& survey, std::vector<Hyp
     }
 }
 
-void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                         std::vector<Hypothesis>& out) {
+void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples,
+                         const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   const Tree& tree = rig.tree;
-  for (const auto& range : survey.ranges) {
+  for (const auto& range : observations.ranges) {
     const int b = range.first;
     int a = moving_joint_above(tree, b);
     while (a >= 0 && !turns(tree.joints[a])) a = moving_joint_above(tree, a);  // past a slide
-    if (a < 0 || !survey.ranges.count(a) || !turns(tree.joints[a]) || !turns(tree.joints[b]) ||
-        !have_both(samples, a, b) ||
+    if (a < 0 || !observations.ranges.count(a) || !turns(tree.joints[a]) ||
+        !turns(tree.joints[b]) || !have_both(samples, a, b) ||
         std::abs(tree.joints[a].axis.dot(axis_seen_from(tree, a, b))) < kParallel)
       continue;
     for (const double sign : {1.0, -1.0}) {
@@ -278,9 +279,10 @@ Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
 }
 
 /// Two joints of one arm, or of two arms that are not too many, and all joints.
-void add_sign_groups(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_sign_groups(const Rig& rig, const ObservationIndex& observations,
+                     std::vector<Hypothesis>& out) {
   std::vector<int> moving;
-  for (const auto& range : survey.ranges)
+  for (const auto& range : observations.ranges)
     if (range.second.second - range.second.first > 1e-9) moving.push_back(range.first);
   for (int b : moving)
     for (int a = moving_joint_above(rig.tree, b); a >= 0; a = moving_joint_above(rig.tree, a))
@@ -295,9 +297,9 @@ void add_sign_groups(const Rig& rig, const Survey& survey, std::vector<Hypothesi
 }
 
 /// Sensors that measure lengths by a scale of their own.
-std::string sensors_of_lengths(const Rig& rig, const Survey& survey) {
+std::string sensors_of_lengths(const Rig& rig, const ObservationIndex& observations) {
   std::vector<std::string> names;
-  for (const int s : survey.sensors) {
+  for (const int s : observations.sensors) {
     const MeasurementKind kind = rig.sensors[s].model->measurement_kind();
     if (kind == MeasurementKind::points || kind == MeasurementKind::pose ||
         kind == MeasurementKind::scan)
@@ -306,9 +308,9 @@ std::string sensors_of_lengths(const Rig& rig, const Survey& survey) {
   return joined(names);
 }
 
-void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey,
+void add_gears(const Rig& rig, const ParameterTable& table, const ObservationIndex& observations,
                const FreedNames& freed, std::vector<Hypothesis>& out) {
-  for (const auto& range : survey.ranges) {
+  for (const auto& range : observations.ranges) {
     const int j = range.first, scale = table.joint_scale[j];
     if (scale < 0 || freed.parameter[scale] || range.second.second - range.second.first < 0.1)
       continue;
@@ -319,7 +321,7 @@ void add_gears(const Rig& rig, const ParameterTable& table, const Survey& survey
     h.rarer = true;
     h.undo = [](Rig&) {};
     const std::string lengths = rig.tree.joints[j].type == JointType::prismatic
-                                    ? sensors_of_lengths(rig, survey)
+                                    ? sensors_of_lengths(rig, observations)
                                     : std::string();
     h.told = [given = rig.joints[j].scale, joint = h.where[0].name, name = h.free[0],
               lengths](const std::vector<double>& found) {
@@ -367,8 +369,9 @@ const std::vector<LengthUnit>& other_length_units() {
   return all;
 }
 
-void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const auto& range : survey.ranges) {
+void add_length_units(const Rig& rig, const ObservationIndex& observations,
+                      std::vector<Hypothesis>& out) {
+  for (const auto& range : observations.ranges) {
     const Joint& joint = rig.tree.joints[range.first];
     if (joint.type != JointType::prismatic) continue;
     const double most = std::max(std::abs(range.second.first), std::abs(range.second.second)),
@@ -420,16 +423,16 @@ void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothes
 void add_rarer_readings(const Rig& rig, const ParameterTable& table,
                         const std::vector<Sample>& samples, const FreedNames& freed,
                         std::vector<Hypothesis>& out) {
-  const Survey survey = make_survey(rig, samples);
-  add_zeros(rig, survey, out);
-  add_axes(rig, survey, out);
-  add_exchanged_joints(rig, samples, survey, out);
-  add_joint_orders(rig, samples, survey, out);
-  add_exchanged_arms(rig, samples, survey, out);
-  add_exchanged_targets(rig, survey, out);
-  add_absolute_angles(rig, samples, survey, out);
-  add_sign_groups(rig, survey, out);
-  add_gears(rig, table, survey, freed, out);
+  const ObservationIndex observations = make_observation_index(rig, samples);
+  add_zeros(rig, observations, out);
+  add_axes(rig, observations, out);
+  add_exchanged_joints(rig, samples, observations, out);
+  add_joint_orders(rig, samples, observations, out);
+  add_exchanged_arms(rig, samples, observations, out);
+  add_exchanged_targets(rig, observations, out);
+  add_absolute_angles(rig, samples, observations, out);
+  add_sign_groups(rig, observations, out);
+  add_gears(rig, table, observations, freed, out);
 }
 
 }  // namespace kincal

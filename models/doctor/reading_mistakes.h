@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "survey.h"
+#include "observation_index.h"
 
 namespace kincal {
 
@@ -23,7 +23,8 @@ const std::vector<LengthUnit>& other_length_units();
 
 /// Adds readings of sliding joints, and lengths in the URDF, that are not metres: those that are
 /// far too large.
-void add_length_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out);
+void add_length_units(const Rig& rig, const ObservationIndex& observations,
+                      std::vector<Hypothesis>& out);
 
 /// Adds what is tried only where nothing else explains the data, for it is much: readings that
 /// count from another zero, turn about another axis, joints or arms exchanged, absolute angles, two

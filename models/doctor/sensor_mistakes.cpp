@@ -23,8 +23,9 @@ bool is_camera(const Sensor& sensor) {
 
 }  // namespace
 
-void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (int s : survey.sensors) {
+void add_mirrors(const Rig& rig, const ObservationIndex& observations,
+                 std::vector<Hypothesis>& out) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     const MeasurementKind kind = sensor.model->measurement_kind();
     if (kind == MeasurementKind::rays) {
@@ -70,8 +71,8 @@ void add_mirrors(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& 
   }
 }
 
-void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (int s : survey.sensors) {
+void add_units(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     const bool pose = sensor.model->measurement_kind() == MeasurementKind::pose;
     if (!pose && sensor.model->measurement_kind() != MeasurementKind::points) continue;
@@ -96,8 +97,8 @@ void add_units(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
   }
 }
 
-void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (int s : survey.sensors) {
+void add_poses(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
     Hypothesis h;
@@ -112,7 +113,7 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
     h.undo = [s](Rig& r) { r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor); };
     out.push_back(h);
   }
-  for (int t : survey.targets) {
+  for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6)
       continue;
@@ -128,7 +129,8 @@ void add_poses(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
   }
 }
 
-void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_quaternions(const Rig& rig, const ObservationIndex& observations,
+                     std::vector<Hypothesis>& out) {
   const auto add = [&](const std::string& kind, const Subject& what, const std::string& place,
                        const Matrix3d& given, auto undo) {
     if (is_cube_turn(given)) return;  // named as a turn: turned_poses.h
@@ -142,7 +144,7 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
     h.undo = undo;
     out.push_back(std::move(h));
   };
-  for (int s : survey.sensors) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (sensor.pose_given)
       add("sensor", Subject::sensor(sensor.name), "sensors." + sensor.name + ".pose",
@@ -151,7 +153,7 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
             turn = of_w_x_y_z(turn);
           });
   }
-  for (int t : survey.targets) {
+  for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     if (target.link >= 0 && target.pose_given)
       add("target", Subject::target(target.name), "targets." + target.name + ".mount.pose",
@@ -162,8 +164,8 @@ void add_quaternions(const Rig& rig, const Survey& survey, std::vector<Hypothesi
   }
 }
 
-void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (const auto& pair : survey.pairs) {
+void add_sides(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (const auto& pair : observations.pairs) {
     const int s = pair.first, t = pair.second;
     const Sensor& sensor = rig.sensors[s];
     const Target& target = rig.targets[t];
@@ -199,7 +201,7 @@ void add_sides(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& ou
       }
       continue;
     }
-    for (const auto& other : survey.pairs) {  // a free target in a hand
+    for (const auto& other : observations.pairs) {  // a free target in a hand
       if (other.second != t ||
           rig.sensors[other.first].model->measurement_kind() != MeasurementKind::chain ||
           rig.sensors[other.first].link == sensor.link)
@@ -231,9 +233,10 @@ double baseline_of(const Sensor& sensor) {
 
 }  // namespace
 
-void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& survey,
-                   const FreedNames& freed, std::vector<Hypothesis>& out) {
-  for (int s : survey.sensors) {
+void add_baselines(const Rig& rig, const ParameterTable& table,
+                   const ObservationIndex& observations, const FreedNames& freed,
+                   std::vector<Hypothesis>& out) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     const double baseline = baseline_of(sensor);
     const int parameter = table.index_of(ParameterKind::baseline, s);
@@ -270,9 +273,10 @@ void add_baselines(const Rig& rig, const ParameterTable& table, const Survey& su
   }
 }
 
-void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (int a : survey.sensors)
-    for (int b : survey.sensors) {
+void add_exchanges(const Rig& rig, const ObservationIndex& observations,
+                   std::vector<Hypothesis>& out) {
+  for (int a : observations.sensors)
+    for (int b : observations.sensors) {
       if (a >= b || !is_camera(rig.sensors[a]) || !is_camera(rig.sensors[b])) continue;
       // (A negative baseline looks the same, and is that.)
       if (std::min(baseline_of(rig.sensors[a]), baseline_of(rig.sensors[b])) < 0) continue;
@@ -291,11 +295,11 @@ void add_exchanges(const Rig& rig, const Survey& survey, std::vector<Hypothesis>
     }
 }
 
-void add_lenses(const Rig& rig, const ParameterTable& table, const Survey& survey,
+void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIndex& observations,
                 const FreedNames& freed, std::vector<Hypothesis>& out) {
   std::map<std::pair<bool, int>, std::vector<int>> on_link;  // (distorts, link): cameras
   std::map<bool, std::vector<int>> all;
-  for (int s : survey.sensors) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) ||
         !find_block(sensor, ParameterKind::baseline))
@@ -421,9 +425,9 @@ void add_ray_orders(const Rig& rig, int sensor, std::vector<Hypothesis>& out) {
 
 }  // namespace
 
-void add_bearings(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                  std::vector<Hypothesis>& out) {
-  for (int s : survey.sensors) {
+void add_bearings(const Rig& rig, const std::vector<Sample>& samples,
+                  const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.model->scans()) continue;
     double most = 0;
@@ -524,9 +528,9 @@ bool faces(const Rig& rig, const std::vector<Sample>& samples, const Seat& seat,
 }
 
 std::vector<Seat> seats(const Rig& rig, const std::vector<Sample>& samples) {
-  const Survey survey = make_survey(rig, samples);
+  const ObservationIndex observations = make_observation_index(rig, samples);
   std::map<int, std::vector<int>> by_link;
-  for (int s : survey.sensors)
+  for (int s : observations.sensors)
     if (!rig.sensors[s].model->scans()) by_link[rig.sensors[s].link].push_back(s);
   std::vector<Seat> out;
   for (const auto& group : by_link) {
@@ -534,7 +538,7 @@ std::vector<Seat> seats(const Rig& rig, const std::vector<Sample>& samples) {
     for (int s : group.second)
       if (group.second.size() > 1) out.push_back({{s}, -1, group.first});
   }
-  for (int t : survey.targets)
+  for (int t : observations.targets)
     if (rig.targets[t].link >= 0) out.push_back({{}, t, rig.targets[t].link});
   return out;
 }

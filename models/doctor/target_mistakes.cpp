@@ -106,15 +106,16 @@ int points_seen(const std::vector<Sample>& samples, int target, bool& complete) 
 
 }  // namespace
 
-void add_squares(const Rig& rig, const ParameterTable& table, const Survey& survey,
+void add_squares(const Rig& rig, const ParameterTable& table, const ObservationIndex& observations,
                  const FreedNames& freed, std::vector<Hypothesis>& out) {
   std::vector<std::vector<int>> groups;
-  for (int t : survey.targets) {
+  for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     const int own = target.grid ? table.target_square[t] : table.target_points[t];
-    const bool seen = std::any_of(survey.pairs.begin(), survey.pairs.end(), [&](const auto& pair) {
-      return pair.second == t && !rig.sensors[pair.first].model->measures_pose();
-    });
+    const bool seen =
+        std::any_of(observations.pairs.begin(), observations.pairs.end(), [&](const auto& pair) {
+          return pair.second == t && !rig.sensors[pair.first].model->measures_pose();
+        });
     if (own >= 0 && !freed.parameter[own] && target.count() >= 2 && seen) groups.push_back({t});
   }
   if (groups.size() > 1) {  // all in the same wrong unit; many placements of one block: only so
@@ -140,7 +141,8 @@ void add_squares(const Rig& rig, const ParameterTable& table, const Survey& surv
     }
 }
 
-void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
+void add_boards(const Rig& rig, const ObservationIndex& observations,
+                std::vector<Hypothesis>& out) {
   struct Relabeling {
     NoticeKind kind;
     Matrix2d m;
@@ -180,7 +182,7 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     out.push_back(std::move(h));
   };
   std::map<int, std::set<int>> seen, observers;  // grids by sensor, and the other way round
-  for (const auto& pair : survey.pairs)
+  for (const auto& pair : observations.pairs)
     if (rig.targets[pair.second].grid && !rig.sensors[pair.first].model->measures_pose())
       seen[pair.first].insert(pair.second), observers[pair.second].insert(pair.first);
   for (const auto& t : observers) {
@@ -237,9 +239,9 @@ void add_boards(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& o
     }
 }
 
-void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                std::vector<Hypothesis>& out) {
-  for (int t : survey.targets) {
+void add_widths(const Rig& rig, const std::vector<Sample>& samples,
+                const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     if (!target.grid) continue;
     const GridShape shape = shape_of(target);
@@ -271,10 +273,10 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples, const Survey
   }
 }
 
-void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                         std::vector<Hypothesis>& out) {
+void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples,
+                         const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   std::map<int, std::vector<Hypothesis>> all;  // by what the ids are too large
-  for (int t : survey.targets) {
+  for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     const GridShape shape = shape_of(target);
     if (!target.grid || shape.rows == 0 || shape.block > 1) continue;
@@ -384,9 +386,9 @@ std::vector<std::vector<int>> suitable_orders(const Target& target,
 
 }  // namespace
 
-void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const Survey& survey,
-                      std::vector<Hypothesis>& out) {
-  for (const auto& pair : survey.pairs) {
+void add_point_orders(const Rig& rig, const std::vector<Sample>& samples,
+                      const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (const auto& pair : observations.pairs) {
     const Sensor& sensor = rig.sensors[pair.first];
     const Target& target = rig.targets[pair.second];
     const int count = target.count();
@@ -424,8 +426,9 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples, const 
   }
 }
 
-void add_mirrored_points(const Rig& rig, const Survey& survey, std::vector<Hypothesis>& out) {
-  for (int t : survey.targets) {
+void add_mirrored_points(const Rig& rig, const ObservationIndex& observations,
+                         std::vector<Hypothesis>& out) {
+  for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     if (target.grid || target.count() < 4) continue;
     const Eigen::Matrix3Xd centred =
@@ -529,10 +532,10 @@ MovedTarget move_from(const Recording& recording, const TrialContext& context, i
   std::vector<Sample> samples = recording.samples;
   const int other = stand_elsewhere(rig, samples, target, out.from);
   const Recording moved(std::move(rig), std::move(samples));
-  Stage stage = context.all;
+  FitSpec spec = context.all;
   for (std::string& name : free_of_copy(context, recording.rig.targets[target].name))
-    stage.free.push_back(std::move(name));
-  const TrialFit fit = best_fit(moved, context, stage, {15, 1e-3});
+    spec.free.push_back(std::move(name));
+  const TrialFit fit = best_fit(moved, context, spec, {15, 1e-3});
   out.cost = fit.score();
   if (!std::isfinite(out.cost)) return out;
   const auto pose = [&](int t) {
@@ -585,7 +588,7 @@ MovedTarget find_move(const Recording& recording, const TrialContext& context, i
 
 std::optional<Hypothesis> moved_target(const Recording& recording, const TrialContext& context) {
   MovedTarget best;
-  for (const int t : make_survey(recording.rig, recording.samples).targets)
+  for (const int t : make_observation_index(recording.rig, recording.samples).targets)
     if (recording.rig.targets[t].link >= 0) {
       MovedTarget moved = find_move(recording, context, t);
       if (moved.cost < best.cost) best = std::move(moved);

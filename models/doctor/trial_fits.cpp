@@ -65,25 +65,25 @@ Recording with_changed(const Recording& recording, Changes changes, Change chang
   return recording.with_samples(std::move(samples));
 }
 
-/// What stages free and how, in the terms of a table.
-struct ResolvedStages {
-  std::vector<std::vector<Freed>> free;    // by stage
-  std::vector<std::vector<Prior>> priors;  // by stage
+/// What specs free and how, in the terms of a table.
+struct ResolvedSpecs {
+  std::vector<std::vector<Freed>> free;    // by spec
+  std::vector<std::vector<Prior>> priors;  // by spec
   std::vector<char> whole,
-      prior;  // by parameter: some stage frees all of it, some stage has a prior on it
+      prior;  // by parameter: some spec frees all of it, some spec has a prior on it
 };
 
-ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& stages) {
-  ResolvedStages out;
-  out.free.resize(stages.size());
-  out.priors.resize(stages.size());
+ResolvedSpecs resolve(const ParameterTable& table, const std::vector<FitSpec>& specs) {
+  ResolvedSpecs out;
+  out.free.resize(specs.size());
+  out.priors.resize(specs.size());
   out.whole.assign(table.all.size(), 0);
   out.prior.assign(table.all.size(), 0);
-  for (size_t i = 0; i < stages.size(); ++i) {
-    for (const std::string& name : stages[i].free) merge(out.free[i], table.select(name));
+  for (size_t i = 0; i < specs.size(); ++i) {
+    for (const std::string& name : specs[i].free) merge(out.free[i], table.select(name));
     for (const Freed& f : out.free[i])
       out.whole[f.parameter] = out.whole[f.parameter] || f.whole(table.all[f.parameter]);
-    for (const auto& p : stages[i].priors) {
+    for (const auto& p : specs[i].priors) {
       const std::vector<Freed> found = table.select(p.first);
       if (found.empty()) continue;  // a hypothesis took it away, as a lens without distortion does
       const Freed& f = found[0];
@@ -96,9 +96,9 @@ ResolvedStages resolve(const ParameterTable& table, const std::vector<Stage>& st
 
 // ------------------------------------------------------------------------------------------------
 // where a fit starts
-/// Sets `values` to where the first stage starts. Returns the shared values that priors and partly
+/// Sets `values` to where the first spec starts. Returns the shared values that priors and partly
 /// freed poses count from.
-VectorXd first_values(const Recording& recording, const ResolvedStages& resolved,
+VectorXd first_values(const Recording& recording, const ResolvedSpecs& resolved,
                       const TrialOptions& options, const TargetStarts& how, Values& values) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
@@ -118,15 +118,15 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
     if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
   std::vector<char> taken(table.all.size(), 0);
   for (const int p : unknown) taken[p] = 1;
-  std::vector<StandIn> mounts;
+  std::vector<OriginProxy> mounts;
   for (const std::vector<int>* all : {&table.sensor_mount, &table.target_mount})
     for (const int p : *all)
       if (options.closed_form && p >= 0 && table.all[p].kind == ParameterKind::joint_origin &&
           resolved.whole[p] && !resolved.prior[p] &&
           std::none_of(mounts.begin(), mounts.end(),
-                       [&](const StandIn& m) { return m.origin == p; }))
-        if (const auto found = find_stand_in(recording, p, taken)) mounts.push_back(*found);
-  for (const StandIn& mount : mounts) {
+                       [&](const OriginProxy& m) { return m.origin == p; }))
+        if (const auto found = find_origin_proxy(recording, p, taken)) mounts.push_back(*found);
+  for (const OriginProxy& mount : mounts) {
     unknown.push_back(mount.body);
     unknown.insert(unknown.end(), mount.others.begin(), mount.others.end());
   }
@@ -134,11 +134,11 @@ VectorXd first_values(const Recording& recording, const ResolvedStages& resolved
   unknown.erase(std::unique(unknown.begin(), unknown.end()), unknown.end());
   if (!unknown.empty())
     start_unknown_poses(recording, indices(recording.samples.size()), unknown, values, how);
-  for (const StandIn& mount : mounts) move_origin(table, mount, table.initial, values.shared);
+  for (const OriginProxy& mount : mounts) move_origin(table, mount, table.initial, values.shared);
   return values.shared;
 }
 
-/// What a stage can start from: the problem of all samples that have finite residuals there.
+/// What a spec can start from: the problem of all samples that have finite residuals there.
 struct Startable {
   std::unique_ptr<Estimation> problem;
   std::vector<int> undefined;  // other samples, by index, ascending: a free target has no start, or
@@ -293,15 +293,15 @@ std::map<std::string, Movement> movements(const Recording& recording,
 
 }  // namespace
 
-Stage without(Stage stage, const std::string& parameter) {
+FitSpec without(FitSpec spec, const std::string& parameter) {
   const auto belongs = [&](const std::string& name) {
     return name == parameter || name.rfind(parameter + ".", 0) == 0;
   };
-  stage.free.erase(std::remove_if(stage.free.begin(), stage.free.end(), belongs), stage.free.end());
-  stage.priors.erase(std::remove_if(stage.priors.begin(), stage.priors.end(),
-                                    [&](const auto& p) { return belongs(p.first); }),
-                     stage.priors.end());
-  return stage;
+  spec.free.erase(std::remove_if(spec.free.begin(), spec.free.end(), belongs), spec.free.end());
+  spec.priors.erase(std::remove_if(spec.priors.begin(), spec.priors.end(),
+                                   [&](const auto& p) { return belongs(p.first); }),
+                    spec.priors.end());
+  return spec;
 }
 
 bool good(const TrialFit& f) {
@@ -310,21 +310,21 @@ bool good(const TrialFit& f) {
                       [](double s) { return s > Thresholds::good; });
 }
 
-FreedNames freed_names(const ParameterTable& table, const Stage& stage) {
+FreedNames freed_names(const ParameterTable& table, const FitSpec& spec) {
   FreedNames out;
   out.parameter.assign(table.all.size(), 0);
   out.whole.assign(table.all.size(), 0);
   std::vector<Freed> free;
-  for (const std::string& name : stage.free) merge(free, table.select(name));
+  for (const std::string& name : spec.free) merge(free, table.select(name));
   for (const Freed& f : free)
     out.parameter[f.parameter] = 1, out.whole[f.parameter] = f.whole(table.all[f.parameter]);
   return out;
 }
 
-bool frees_given_poses(const Recording& recording, const Stage& stage) {
+bool frees_given_poses(const Recording& recording, const FitSpec& spec) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
-  const FreedNames freed = freed_names(table, stage);
+  const FreedNames freed = freed_names(table, spec);
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     if (rig.sensors[s].pose_given && freed.whole[table.sensor_mount[s]]) return true;
   for (size_t t = 0; t < rig.targets.size(); ++t)
@@ -346,22 +346,22 @@ Recording plan_trials(const Recording& given, TrialContext& context) {
   std::vector<Freed> together;
   std::map<std::pair<int, int>, double> priors;
   for (size_t i = 0; i < plans.size(); ++i) {
-    Stage stage;
-    stage.sensors = rig.steps[i].sensors;
-    stage.loss = rig.steps[i].loss.value_or(Loss());
+    FitSpec spec;
+    spec.sensors = rig.steps[i].sensors;
+    spec.loss = rig.steps[i].loss.value_or(Loss());
     for (const Freed& f : plans[i].free)
       for (int c : f.components) {
-        stage.free.push_back(table.all[f.parameter].component_name(c));
+        spec.free.push_back(table.all[f.parameter].component_name(c));
         priors.erase({f.parameter, c});
       }
     for (const Prior& p : plans[i].priors) {
-      stage.priors.push_back({table.all[p.parameter].component_name(p.component), p.sigma});
+      spec.priors.push_back({table.all[p.parameter].component_name(p.component), p.sigma});
       priors[{p.parameter, p.component}] = p.sigma;
     }
     merge(together, plans[i].free);
-    sensors.insert(stage.sensors.begin(), stage.sensors.end());
-    context.all.loss = stage.loss;
-    context.steps.push_back(std::move(stage));
+    sensors.insert(spec.sensors.begin(), spec.sensors.end());
+    context.all.loss = spec.loss;
+    context.steps.push_back(std::move(spec));
   }
   context.all.sensors.assign(sensors.begin(), sensors.end());
   for (const Freed& f : together)
@@ -380,18 +380,18 @@ Recording plan_trials(const Recording& given, TrialContext& context) {
 }
 
 TrialFit trial_fit(const Recording& recording, const TrialContext& context,
-                   const std::vector<Stage>& stages, const TrialOptions& options) {
+                   const std::vector<FitSpec>& specs, const TrialOptions& options) {
   TrialFit out;
-  const ResolvedStages resolved = resolve(recording.table, stages);
+  const ResolvedSpecs resolved = resolve(recording.table, specs);
   Values values;
   const TargetStarts how = {options.target_starts, context.memory.get()};
   const VectorXd initial = first_values(recording, resolved, options, how, values);
-  for (size_t i = 0; i < stages.size(); ++i) {
-    const bool last = i + 1 == stages.size();
+  for (size_t i = 0; i < specs.size(); ++i) {
+    const bool last = i + 1 == specs.size();
     EstimationSetup setup;
     setup.noise = context.noise;
-    setup.sensors = stages[i].sensors;
-    setup.loss = options.loss.value_or(stages[i].loss);
+    setup.sensors = specs[i].sensors;
+    setup.loss = options.loss.value_or(specs[i].loss);
     setup.free = resolved.free[i];
     setup.initial = initial;
     setup.priors = resolved.priors[i];
@@ -399,7 +399,7 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
     Estimation& problem = *startable.problem;
     if (last) out.undefined = startable.undefined;
     if (problem.empty()) continue;
-    TrialOptions way = options;  // what a stage before the last finds is where the next starts
+    TrialOptions way = options;  // what a spec before the last finds is where the next starts
     if (!last) way.relative_decrease = std::max(way.relative_decrease, 1e-3);
     const TrialMinimum minimum = minimise(problem, context, way, values);
     if (!last) continue;
@@ -423,17 +423,17 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
   return out;
 }
 
-Stage with_usual_errors(const Recording& recording, Stage stage,
-                        const std::vector<std::string>& held) {
+FitSpec with_usual_errors(const Recording& recording, FitSpec spec,
+                          const std::vector<std::string>& held) {
   constexpr double kWidths = 3;  // of a robot that was built from its drawing
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
-  setup.sensors = stage.sensors;
+  setup.sensors = spec.sensors;
   const Estimation probe(recording, indices(recording.samples.size()), setup);
-  if (probe.groups().empty()) return stage;
+  if (probe.groups().empty()) return spec;
   const std::vector<char> matters = probe.influencing();
   const ParameterTable& table = recording.table;
-  std::set<std::string> freed(stage.free.begin(), stage.free.end());
+  std::set<std::string> freed(spec.free.begin(), spec.free.end());
   for (const std::string& name : held)
     for (const Freed& f : table.select(name))
       for (const int c : f.components) freed.insert(table.all[f.parameter].component_name(c));
@@ -444,26 +444,26 @@ Stage with_usual_errors(const Recording& recording, Stage stage,
       const Component component{static_cast<int>(p), c};
       const std::string name = table.name(component);
       if (freed.count(name) || table.select(name).empty()) continue;  // (a mount that is a joint)
-      stage.free.push_back(name);
+      spec.free.push_back(name);
       const Scales off = scales(table, component, table.initial);
-      stage.priors.push_back({name, off.width < kInfinity ? std::min(kWidths * off.width, off.usual)
-                                                          : std::min(off.yardstick, off.usual)});
+      spec.priors.push_back({name, off.width < kInfinity ? std::min(kWidths * off.width, off.usual)
+                                                         : std::min(off.yardstick, off.usual)});
     }
   }
-  return stage;
+  return spec;
 }
 
-TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,
+TrialFit best_fit(const Recording& recording, const TrialContext& context, const FitSpec& spec,
                   const Effort& effort) {
   TrialOptions o;
   o.give_up = effort.give_up;
   o.target_starts = effort.decrease < 1e-3 ? StartEffort::refined : StartEffort::proposed;
   o.iterations = effort.iterations;
   o.relative_decrease = effort.decrease;
-  TrialFit out = trial_fit(recording, context, {stage}, o);
+  TrialFit out = trial_fit(recording, context, {spec}, o);
   if ((effort.closed_form || !(out.per_dof() < Thresholds::noise)) && context.given_poses_freed) {
     o.closed_form = true;
-    TrialFit other = trial_fit(recording, context, {stage}, o);
+    TrialFit other = trial_fit(recording, context, {spec}, o);
     if (other.score() < out.score() || other.undefined.size() < out.undefined.size())
       out = std::move(other);
   }
@@ -473,12 +473,12 @@ TrialFit best_fit(const Recording& recording, const TrialContext& context, const
 TrialFit fit_as_is(const Recording& recording, const TrialContext& context) {
   TrialFit out = best_fit(recording, context, context.all, {60, 1e-7});
   if (good(out) || context.steps.size() < 2) return out;
-  std::vector<Stage> stages = context.steps;
-  stages.push_back(context.all);
+  std::vector<FitSpec> specs = context.steps;
+  specs.push_back(context.all);
   TrialOptions o;
   o.iterations = 30;
   o.relative_decrease = 1e-6;
-  TrialFit other = trial_fit(recording, context, stages, o);
+  TrialFit other = trial_fit(recording, context, specs, o);
   return other.score() < out.score() || other.undefined.size() < out.undefined.size() ? other : out;
 }
 

@@ -16,7 +16,7 @@
 #include "../fitting/free_targets.h"
 #include "../rig/numbers.h"
 #include "diagnosis.h"
-#include "survey.h"
+#include "observation_index.h"
 
 namespace kincal {
 
@@ -62,25 +62,25 @@ struct Thresholds {
   static constexpr int rounds = 4;
 };
 
-/// A Stage is what one minimisation frees, by name, so that it fits rigs whose tables differ.
-struct Stage {
+/// A FitSpec is what one minimisation frees, by name, so that it fits rigs whose tables differ.
+struct FitSpec {
   std::vector<int> sensors;
   std::vector<std::string> free;                       // components
   std::vector<std::pair<std::string, double>> priors;  // component, sigma
   Loss loss;
 };
 
-/// Returns the stage with a whole parameter held.
-Stage without(Stage stage, const std::string& parameter);
+/// Returns the spec with a whole parameter held.
+FitSpec without(FitSpec spec, const std::string& parameter);
 
 /// A TrialContext is what trial fits of a recording have in common.
 struct TrialContext {
   NoiseMode noise = NoiseMode::latent;
   int threads = 1;
-  Progress progress;         // as in DoctorOptions
-  std::vector<Stage> steps;  // the rig's
-  Stage all;                 // what the steps free together
-  bool usual_steps = false;  // the rig has no steps: these are usual ones
+  Progress progress;           // as in DoctorOptions
+  std::vector<FitSpec> steps;  // the rig's
+  FitSpec all;                 // what the steps free together
+  bool usual_steps = false;    // the rig has no steps: these are usual ones
   bool given_poses_freed =
       false;  // the rig gives a pose that `all` frees wholly: closed form may find a better start
   std::shared_ptr<std::vector<Alternative>> tried;  // is told all that is tried; null: nobody asks
@@ -141,7 +141,7 @@ struct TrialFit {
 /// A Trial is a hypothesis tried: the recording with the mistake undone, and the fit of it.
 struct Trial {
   Recording recording;
-  Stage stage;
+  FitSpec spec;
   TrialFit fit;
   double cost;  // for comparison; infinite: the fit cannot start
 };
@@ -149,21 +149,21 @@ struct Trial {
 /// True if the fit needs no explanation.
 bool good(const TrialFit& f);
 
-/// Returns what a stage frees, in the terms of a table.
-FreedNames freed_names(const ParameterTable& table, const Stage& stage);
+/// Returns what a spec frees, in the terms of a table.
+FreedNames freed_names(const ParameterTable& table, const FitSpec& spec);
 
-/// True if the rig gives a pose that the stage frees wholly.
-bool frees_given_poses(const Recording& recording, const Stage& stage);
+/// True if the rig gives a pose that the spec frees wholly.
+bool frees_given_poses(const Recording& recording, const FitSpec& spec);
 
 /// Makes the recording that trials are about: all samples are in training, without views that no
-/// step uses; a rig without steps gets the usual ones. It fills in the context's stages. @throws
+/// step uses; a rig without steps gets the usual ones. It fills in the context's specs. @throws
 /// NameError, std::invalid_argument as Calibration does.
 Recording plan_trials(const Recording& given, TrialContext& context);
 
-/// Minimises stage after stage; the fit that it returns is that of the last one. @throws
+/// Minimises spec after spec; the fit that it returns is that of the last one. @throws
 /// std::invalid_argument where a path cannot be walked; Cancelled.
 TrialFit trial_fit(const Recording& recording, const TrialContext& context,
-                   const std::vector<Stage>& stages, const TrialOptions& options);
+                   const std::vector<FitSpec>& specs, const TrialOptions& options);
 
 /// An Effort is how far a fit goes.
 struct Effort {
@@ -173,15 +173,15 @@ struct Effort {
   double give_up = kInfinity;  // TrialOptions::give_up
 };
 
-/// Returns the stage with everything free besides that something depends on, as far as such numbers
+/// Returns the spec with everything free besides that something depends on, as far as such numbers
 /// are off in a robot that was built from its drawing: three widths (rig/scales.h), and no more
 /// than usual; poses that the steps hold as well as such things can be measured (their yardstick).
-/// What `held` names stays as the stage has it.
-Stage with_usual_errors(const Recording& recording, Stage stage,
-                        const std::vector<std::string>& held = {});
+/// What `held` names stays as the spec has it.
+FitSpec with_usual_errors(const Recording& recording, FitSpec spec,
+                          const std::vector<std::string>& held = {});
 
 /// Returns the fit from the rig's values, or from closed form where these do not lead anywhere.
-TrialFit best_fit(const Recording& recording, const TrialContext& context, const Stage& stage,
+TrialFit best_fit(const Recording& recording, const TrialContext& context, const FitSpec& spec,
                   const Effort& effort);
 
 /// Returns the best fit of everything that the steps free: from the rig's values, closed form, or

@@ -104,21 +104,21 @@ std::vector<HeldPoses> held_poses(const Recording& recording, const TrialContext
 std::optional<Pose> find_pose(const Recording& recording, const TrialContext& context,
                               const HeldPoses& held) {
   Rig rig = recording.rig;
-  Stage stage = context.all;
+  FitSpec spec = context.all;
   for (int s : held.sensors) {
     rig.sensors[s].pose_given = false;
-    stage.free.push_back("sensor/" + rig.sensors[s].name + "/pose");
+    spec.free.push_back("sensor/" + rig.sensors[s].name + "/pose");
   }
   if (held.target >= 0) {
     rig.targets[held.target].pose_given = false;
-    stage.free.push_back("target/" + rig.targets[held.target].name + "/pose");
+    spec.free.push_back("target/" + rig.targets[held.target].name + "/pose");
   }
   const ParameterTable& table = recording.table;
   const int parameter =
       held.target >= 0 ? table.target_pose[held.target] : table.sensor_pose[held.sensors[0]];
-  const Recording some(std::move(rig), some_samples(recording, stage.free.size()));
+  const Recording some(std::move(rig), some_samples(recording, spec.free.size()));
   try {
-    const TrialFit fit = best_fit(some, context, stage, {30, 1e-3});
+    const TrialFit fit = best_fit(some, context, spec, {30, 1e-3});
     if (!fit.complete() || fit.values.shared.size() != table.initial.size()) return std::nullopt;
     return get_pose(fit.values.shared, table.all[parameter].start);
   } catch (const std::exception&) {  // closed form cannot tell it, or a path cannot be walked

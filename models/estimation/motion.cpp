@@ -72,15 +72,15 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
     if (layout.table.all[f.parameter].pose && !f.whole(layout.table.all[f.parameter]))
       charts_[f.parameter] = MatrixXd::Zero(6, f.components.size());
   const Tree& tree = layout.rig.tree;
-  turn_.assign(tree.joints.size(), -1);
+  cache_of_.assign(tree.joints.size(), -1);
   for (const auto& entry : layout.layouts)
     for (int j : entry.second->joints) {
-      if (turn_[j] >= 0) continue;
-      turn_[j] = static_cast<int>(turns_.size());
-      turns_.push_back({j, layout.freed[layout.table.joint_origin[j]] == nullptr,
-                        tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(),
-                        Matrix3d::Zero(), Matrix3d::Zero(), Vector3d::Zero()});
-      turns_.back().set_origin(tree.joints[j].parent_T_joint, tree.joints[j].axis);
+      if (cache_of_[j] >= 0) continue;
+      cache_of_[j] = static_cast<int>(caches_.size());
+      caches_.push_back({j, layout.freed[layout.table.joint_origin[j]] == nullptr,
+                         tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(),
+                         Matrix3d::Zero(), Matrix3d::Zero(), Vector3d::Zero()});
+      caches_.back().set_origin(tree.joints[j].parent_T_joint, tree.joints[j].axis);
     }
 }
 
@@ -101,16 +101,16 @@ void Motion::prepare(const VectorXd& state) {
     for (size_t i = 0; i < f.components.size(); ++i)
       chart.col(static_cast<Eigen::Index>(i)) = jacobian.col(f.components[i]);
   }
-  for (Turn& turn : turns_) {
-    if (!turn.held) continue;
+  for (JointCache& cache : caches_) {
+    if (!cache.held) continue;
     const Pose origin =
-        get_pose(state, layout_.table.all[layout_.table.joint_origin[turn.joint]].start);
-    if (origin.rotation != turn.origin.rotation || origin.translation != turn.origin.translation)
-      turn.set_origin(origin, layout_.rig.tree.joints[turn.joint].axis);
+        get_pose(state, layout_.table.all[layout_.table.joint_origin[cache.joint]].start);
+    if (origin.rotation != cache.origin.rotation || origin.translation != cache.origin.translation)
+      cache.set_origin(origin, layout_.rig.tree.joints[cache.joint].axis);
   }
 }
 
-void Motion::Turn::set_origin(const Pose& pose, const Vector3d& axis) {
+void Motion::JointCache::set_origin(const Pose& pose, const Vector3d& axis) {
   origin = pose;
   along = origin.rotation * axis;
   sine = origin.rotation * skew(axis);
@@ -140,26 +140,26 @@ void Motion::motions(const PlacedSample& s, const VectorXd& state, Scratch& scra
         scratch.reading[j], state.data() + layout_.table.all[layout_.table.joint_offset[j]].start);
   };
   for (int j : s.layout->joints) {
-    const Turn& turn = turns_[turn_[j]];
-    assert(!turn.held ||
+    const JointCache& cache = caches_[cache_of_[j]];
+    assert(!cache.held ||
            get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start).rotation ==
-               turn.origin.rotation);
+               cache.origin.rotation);
     const Joint& joint = layout_.rig.tree.joints[j];
     const double q = joint.stands_at
                          ? *joint.stands_at
-                         : turn.driver.factor * position(turn.driver.joint) + turn.driver.offset;
+                         : cache.driver.factor * position(cache.driver.joint) + cache.driver.offset;
     Pose& moved = scratch.moved[j];
-    if (!turn.held) {
+    if (!cache.held) {
       scratch.motion[j] = joint_motion(joint, q);
       moved = get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start) *
               scratch.motion[j];
-    } else if (turn.prismatic) {
-      moved.rotation = turn.origin.rotation;
-      moved.translation = turn.origin.translation + q * turn.along;
+    } else if (cache.prismatic) {
+      moved.rotation = cache.origin.rotation;
+      moved.translation = cache.origin.translation + q * cache.along;
     } else {
       const double sine = std::sin(q), versine = 1 - std::cos(q);
-      moved.rotation = turn.origin.rotation + sine * turn.sine + versine * turn.versine;
-      moved.translation = turn.origin.translation;
+      moved.rotation = cache.origin.rotation + sine * cache.sine + versine * cache.versine;
+      moved.translation = cache.origin.translation;
     }
   }
 }

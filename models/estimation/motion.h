@@ -58,8 +58,8 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
 class Motion {
  public:
   explicit Motion(const Layout& layout);
-  /// Computes the charts of partly freed poses and the turns of joints at this state; nothing where
-  /// its shared values are those of the last call.
+  /// Computes the charts of partly freed poses and the caches of joints at this state; nothing
+  /// where its shared values are those of the last call.
   void prepare(const VectorXd& state);
   /// Takes no walk for done any more: readings have changed.
   void forget() { ++version_; }
@@ -76,10 +76,10 @@ class Motion {
                         Scratch& scratch) const;
 
  private:
-  /// A Turn is what a joint at position q does to its origin, where that is held:
+  /// A JointCache has what a joint at position q does to its origin, where that is held:
   ///     origin * motion(q) = {R (1 + sin(q) [a]x + (1 - cos(q)) [a]x^2), t}   for an axis a,
   ///                          {R, t + q R a}                                   if it is prismatic.
-  struct Turn {
+  struct JointCache {
     int joint;
     bool held, prismatic;
     Driver driver;
@@ -94,11 +94,11 @@ class Motion {
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 
   const Layout& layout_;
-  VectorXd prepared_;             // shared values
-  long version_ = 0;              // of these and the readings
-  std::vector<MatrixXd> charts_;  // by parameter: 6 x freed components, of partly freed poses
-  std::vector<Turn> turns_;       // of joints that some view needs
-  std::vector<int> turn_;         // by joint: which of them
+  VectorXd prepared_;               // shared values
+  long version_ = 0;                // of these and the readings
+  std::vector<MatrixXd> charts_;    // by parameter: 6 x freed components, of partly freed poses
+  std::vector<JointCache> caches_;  // of joints that some view needs
+  std::vector<int> cache_of_;       // by joint: which of them
 };
 
 }  // namespace kincal

@@ -111,7 +111,7 @@ ScanView Rows::scan_view(const PlacedView& v, const RowMatrix3d& side, bool deri
                          Scratch& scratch) const {
   const Scan& scan = scratch.scan;
   const int stride = v.layout->stride(), count = static_cast<int>(v.layout->ids.size()),
-            apart = v.layout->model->numbers(), numbers = scan.model->size();
+            apart = v.layout->model->measurement_size(), numbers = scan.model->size();
   double* turns = scratch.turned.data();
   double* by_own = turns + kTurns * stride;
   std::fill(turns, by_own + numbers * stride, 0.0);

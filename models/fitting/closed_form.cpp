@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "../../solver/decompositions.h"
-#include "../rig/draws.h"
 #include "../rig/numbers.h"
+#include "../rig/random_stream.h"
 #include "../rig/targets.h"
 #include "rotation_minima.h"
 
@@ -319,7 +319,7 @@ bool robust_robot_world_hand_eye(const std::vector<Pose>& a, const std::vector<P
   };
   double least = middle(x, y) / 3;
   bool better = false;
-  Draws draws(1);
+  RandomStream draws(1);
   for (int trial = 0; trial < 200 && n > 6; ++trial) {
     const size_t i = draws.bits() % n, j = draws.bits() % n, k = draws.bits() % n;
     Pose trial_x, trial_y;

@@ -539,22 +539,22 @@ bool hangs_on(const Tree& tree, int link, int joint) {
 
 }  // namespace
 
-std::optional<StandIn> find_stand_in(const Recording& recording, int origin,
-                                     const std::vector<char>& taken) {
+std::optional<OriginProxy> find_origin_proxy(const Recording& recording, int origin,
+                                             const std::vector<char>& taken) {
   const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const int joint = table.all[origin].owner;
   if (rig.tree.joints[joint].type != JointType::fixed) return std::nullopt;
   const std::vector<double> readings(rig.tree.joints.size(), 0.0);
   const Configuration robot(rig, table, table.initial, readings);
-  std::optional<StandIn> out;
+  std::optional<OriginProxy> out;
   std::vector<int> bodies;
   const auto consider = [&](int link, int body) {
     if (link < 0 || taken[body] || !hangs_on(rig.tree, link, joint)) return;
     bodies.push_back(body);
     if (!out ||
         (table.all[body].replaced_by == origin && table.all[out->body].replaced_by != origin))
-      out = StandIn{origin, body, robot.a_T_b(rig.tree.joints[joint].child, link), {}};
+      out = OriginProxy{origin, body, robot.a_T_b(rig.tree.joints[joint].child, link), {}};
   };
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     consider(rig.sensors[s].link, table.sensor_pose[s]);
@@ -567,16 +567,16 @@ std::optional<StandIn> find_stand_in(const Recording& recording, int origin,
   return out;
 }
 
-void move_origin(const ParameterTable& table, const StandIn& stand_in, const VectorXd& initial,
+void move_origin(const ParameterTable& table, const OriginProxy& proxy, const VectorXd& initial,
                  VectorXd& shared) {
   // origin child_T_link found = new_origin child_T_link pose
-  const int at = table.all[stand_in.origin].start, body = table.all[stand_in.body].start;
+  const int at = table.all[proxy.origin].start, body = table.all[proxy.body].start;
   const Pose pose = get_pose(initial, body), found = get_pose(shared, body);
   set_pose(shared, at,
-           get_pose(initial, at) * stand_in.child_T_link * found * inverse(pose) *
-               inverse(stand_in.child_T_link));
+           get_pose(initial, at) * proxy.child_T_link * found * inverse(pose) *
+               inverse(proxy.child_T_link));
   set_pose(shared, body, pose);
-  for (const int other : stand_in.others)
+  for (const int other : proxy.others)
     set_pose(shared, table.all[other].start, get_pose(initial, table.all[other].start));
 }
 

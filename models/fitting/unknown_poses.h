@@ -36,9 +36,9 @@ UnknownStarts start_unknown_poses(const Recording& recording, const std::vector<
                                   const std::vector<int>& unknown, Values& values,
                                   const TargetStarts& how = {});
 
-/// A StandIn is the pose of a sensor or mounted target, `body`, behind a fixed joint with nothing
-/// but fixed joints between: where it is found, the joint's origin is.
-struct StandIn {
+/// An OriginProxy is the pose of a sensor or mounted target, `body`, behind a fixed joint with
+/// nothing but fixed joints between: where it is found, the joint's origin is.
+struct OriginProxy {
   int origin, body;         // parameters
   Pose child_T_link;        // from the joint's child to the link of the body
   std::vector<int> others;  // poses that hang there as well: as wrong as the origin, so that they
@@ -47,11 +47,11 @@ struct StandIn {
 
 /// Returns the first that may stand in for a joint's origin, of what the rig mounts by this joint
 /// before others; none of those `taken` (by parameter).
-std::optional<StandIn> find_stand_in(const Recording& recording, int origin,
-                                     const std::vector<char>& taken);
+std::optional<OriginProxy> find_origin_proxy(const Recording& recording, int origin,
+                                             const std::vector<char>& taken);
 /// Moves the origin to where its body was found, and what hangs on it back to where it is initially
 /// on its link.
-void move_origin(const ParameterTable& table, const StandIn& stand_in, const VectorXd& initial,
+void move_origin(const ParameterTable& table, const OriginProxy& proxy, const VectorXd& initial,
                  VectorXd& shared);
 
 }  // namespace kincal

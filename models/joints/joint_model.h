@@ -15,7 +15,7 @@
 // joint_models.cpp: a rig.yaml then names it (`model: NAME`) and gives its further numbers values,
 // each under its own name. A program gives a model of its own to JointSettings::model of
 // models/rig/rig.h, or to read_rig. Further numbers are parameters of kind joint_shape. Nothing
-// here allocates but further().
+// here allocates but extra_parameters().
 #pragma once
 
 #include <cmath>
@@ -41,7 +41,7 @@ class JointModel {
   /// Returns what a rig.yaml calls the model; empty: it cannot name it.
   virtual std::string name() const { return ""; }
   /// Returns the numbers behind offset and scale, in the order of `own`.
-  virtual std::vector<JointNumber> further() const { return {}; }
+  virtual std::vector<JointNumber> extra_parameters() const { return {}; }
   /// Returns how many own numbers there are, offset and scale included; at most kMaxJointNumbers.
   virtual int size() const { return 2; }
   /// Returns the position (rad or m) at a reading.

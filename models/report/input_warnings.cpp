@@ -12,7 +12,7 @@
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
 #include "../rig/words.h"
-#include "cases.h"
+#include "warning_items.h"
 
 namespace kincal {
 namespace {
@@ -351,7 +351,7 @@ void warn_of_unused_priors(const Solution& solution, Notices& out) {
 
 void warn_of_rescaled(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
-  std::vector<Case> cases;
+  std::vector<WarningItem> cases;
   const auto add = [&](ParameterKind kind, const std::string& name, double given, double value) {
     const bool lens = kind == ParameterKind::intrinsics;
     const std::string unit = lens ? " px" : " m";
@@ -386,8 +386,9 @@ void warn_of_rescaled(const Report& report, Notices& out) {
         add(kind, e.component_name(c), e.initial[c], e.value[c]);
   }
   if (cases.empty()) return;
-  const bool freed_by_nobody = std::any_of(
-      cases.begin(), cases.end(), [&](const Case& c) { return nobody_freed(report, c.what.name); });
+  const bool freed_by_nobody = std::any_of(cases.begin(), cases.end(), [&](const WarningItem& c) {
+    return nobody_freed(report, c.what.name);
+  });
   out.push_back(notice_of(NoticeKind::rescaled,
                           "sizes or focal lengths are others than the rig says", std::move(cases),
                           "",

@@ -8,7 +8,7 @@
 #include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "cases.h"
+#include "warning_items.h"
 
 namespace kincal {
 namespace {
@@ -251,7 +251,7 @@ bool noise_is_doubtful(const Report& report) {
 
 void warn_of_trends(const Report& report, Notices& out) {
   const Tree& tree = report.solution.rig().tree;
-  std::vector<Case> cases;
+  std::vector<WarningItem> cases;
   for (const Trend& trend : report.trends) {
     const Joint& joint = tree.joints[trend.joint];
     const bool flange = joint.type == JointType::floating;

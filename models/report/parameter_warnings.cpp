@@ -9,8 +9,8 @@
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
-#include "cases.h"
-#include "free_zeros.h"
+#include "gauge_freedoms.h"
+#include "warning_items.h"
 
 namespace kincal {
 namespace {
@@ -29,14 +29,14 @@ bool is_held_at_its_prior(const Solution& solution, const ParameterEstimate& e, 
 }
 
 /// Warns of poses that are known no better than the zero of the first or last joint.
-void warn_of_zero(const FreeZero& zero, std::vector<Case> poses, Notices& out) {
+void warn_of_zero(const ZeroGauge& zero, std::vector<WarningItem> poses, Notices& out) {
   if (poses.empty()) return;
   std::stable_sort(poses.begin(), poses.end(),
-                   [](const Case& a, const Case& b) { return a.size > b.size; });
+                   [](const WarningItem& a, const WarningItem& b) { return a.size > b.size; });
   Notice warning =
       make_notice(zero.at_base ? NoticeKind::base_frame : NoticeKind::last_zero, {}, "");
   std::vector<std::string> words;
-  for (const Case& c : poses) {
+  for (const WarningItem& c : poses) {
     warning.where.push_back(c.what);
     words.push_back(c.what.name + " (" + c.text + ")");
   }
@@ -80,7 +80,7 @@ void warn_of_movements(const Solution& solution, Notices& out) {
   if (solution.status == Status::converged)
     explained.insert(explained.end(), solution.computed_starts.begin(),
                      solution.computed_starts.end());
-  std::vector<Case> poses;
+  std::vector<WarningItem> poses;
   for (const ParameterEstimate& e : solution.parameters) {
     if (!e.pose || std::find(explained.begin(), explained.end(), e.name) != explained.end())
       continue;
@@ -107,7 +107,7 @@ void warn_of_movements(const Solution& solution, Notices& out) {
 void warn_of_gauges(const Report& report, Notices& out) {
   const ParameterTable& table = report.solution.table();
   std::vector<std::string> fixed;
-  std::vector<Case> cases;
+  std::vector<WarningItem> cases;
   for (const Gauge& gauge : report.gauges) {
     std::vector<std::string> with;
     for (const Component& c : gauge.with) with.push_back(table.name(c));
@@ -161,7 +161,7 @@ struct LooseComponent {
 };
 
 LooseComponent loosest(const Report& report) {
-  const Untold& unknown = untold(report);
+  const GaugeFreedoms& unknown = gauge_freedoms(report);
   LooseComponent out;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
@@ -207,8 +207,8 @@ std::optional<Notice> loose_parameters(const Report& report) {
     double size = 0;
     std::string of;
   } worst;
-  std::vector<Case> sigmas;
-  const Untold& unknown = untold(report);
+  std::vector<WarningItem> sigmas;
+  const GaugeFreedoms& unknown = gauge_freedoms(report);
   const LooseComponent loose = loosest(report);
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
@@ -235,9 +235,9 @@ std::optional<Notice> loose_parameters(const Report& report) {
 
 void warn_of_parameters(const Report& report, Notices& out) {
   const bool automatic = !report.automatic.empty();
-  std::vector<Case> priors;
-  const Untold& unknown = untold(report);
-  std::map<const FreeZero*, std::vector<Case>> chosen;
+  std::vector<WarningItem> priors;
+  const GaugeFreedoms& unknown = gauge_freedoms(report);
+  std::map<const ZeroGauge*, std::vector<WarningItem>> chosen;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
       const std::string name = e.component_name(c);
@@ -265,7 +265,7 @@ void warn_of_parameters(const Report& report, Notices& out) {
     if (!prior_is_doubtful(report)) out.back().severity = Severity::remark;
   }
   if (std::optional<Notice> loose = loose_parameters(report)) out.push_back(std::move(*loose));
-  for (const FreeZero& zero : unknown.zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
+  for (const ZeroGauge& zero : unknown.zeros) warn_of_zero(zero, std::move(chosen[&zero]), out);
 }
 
 }  // namespace kincal

@@ -17,7 +17,7 @@ bool has_open_mount(const Report& report);
 bool hangs_on_a_size(const Report& report);
 /// Returns the warning `sigma` of parameters known to no better than 1 cm or 1 degree, with why and
 /// what to do about the worst; a fault if that is a pose known to no better than 3 cm or 3 degrees.
-/// (What the zero of the first or last joint decides does not count: free_zeros.h.)
+/// (What the zero of the first or last joint decides does not count: gauge_freedoms.h.)
 std::optional<Notice> loose_parameters(const Report& report);
 /// Warns of numbers far from their priors, and of poses that are hardly known.
 /// What no posture tells and the automatic path fixed.

@@ -79,7 +79,7 @@ struct Report {
   std::optional<Notice> unexplained;  // why the model does not explain the data
   Notices warnings;                   // one of a kind
   Verdict verdict;
-  std::shared_ptr<const struct Untold> untold;  // free_zeros.h; null: nothing
+  std::shared_ptr<const struct GaugeFreedoms> gauge_freedoms;  // gauge_freedoms.h; null: nothing
 };
 
 }  // namespace kincal

@@ -18,7 +18,7 @@
 #include "../rig/words.h"
 #include "../trials/estimate_noise.h"
 #include "exchanged.h"
-#include "free_zeros.h"
+#include "gauge_freedoms.h"
 #include "input_warnings.h"
 #include "parameter_warnings.h"
 #include "verdict.h"
@@ -58,8 +58,8 @@ void add_diagnosis(const Recording& recording, const StudyOptions& options, Repo
   doctor.noise = options.calibration.noise;
   doctor.threads = options.calibration.threads;
   const Status status = report.solution.status;
-  if (status == Status::undefined_start) doctor.ended = Ended::cannot_start;
-  if (status == Status::not_converged) doctor.ended = Ended::not_converged;
+  if (status == Status::undefined_start) doctor.failure = FailureMode::cannot_start;
+  if (status == Status::not_converged) doctor.failure = FailureMode::not_converged;
   doctor.progress = options.calibration.progress.in("looking for mistakes");
   report.diagnosis = uncancelled(diagnose(recording, doctor));
   doctor.progress.share(1);
@@ -494,7 +494,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
     Notices other = not_as_given(solution, report.residuals);
     if (!other.empty()) report.diagnosis.emplace().findings = std::move(other);
   }
-  report.untold = std::make_shared<const Untold>(find_untold(report));
+  report.gauge_freedoms = std::make_shared<const GaugeFreedoms>(find_gauge_freedoms(report));
   // (With steps it was the user who freed the pose, and a wide prior may be what he wants.)
   if (recording->rig.steps.empty() && report.solution.status == Status::converged &&
       has_open_mount(report)) {

@@ -10,13 +10,13 @@
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "cases.h"
 #include "input_warnings.h"
 #include "noise_warnings.h"
 #include "parameter_warnings.h"
 #include "scale_warnings.h"
 #include "trial_warnings.h"
 #include "verdict.h"
+#include "warning_items.h"
 
 namespace kincal {
 namespace {
@@ -54,7 +54,7 @@ void warn_of_starts(const Report& report, Notices& out) {
     out.push_back(make_notice(NoticeKind::no_effect,
                               subjects(Subject::Kind::part, solution.without_effect),
                               std::move(useless)));
-  std::vector<Case> identity, lost, contradicted, ambiguous;
+  std::vector<WarningItem> identity, lost, contradicted, ambiguous;
   std::string cure_of_identity;
   for (const std::string& name : solution.identity_starts) {
     const Notice one = identity_notice(solution, name);
@@ -97,7 +97,7 @@ void warn_of_starts(const Report& report, Notices& out) {
 }
 
 void warn_of_undefined(const Residuals& residuals, Notices& out) {
-  std::vector<Case> before, after;
+  std::vector<WarningItem> before, after;
   for (const UndefinedSample& sample : residuals.undefined)
     if (sample.before)
       before.push_back({Subject::sample(sample.id),
@@ -115,7 +115,7 @@ void warn_of_undefined(const Residuals& residuals, Notices& out) {
 }
 
 void warn_of_unfinished(const std::vector<Unfinished>& unfinished, Notices& out) {
-  std::vector<Case> columns;
+  std::vector<WarningItem> columns;
   for (const Unfinished& u : unfinished) {
     const std::string column =
         u.column + (u.train ? " of the training samples" : " of the held-out samples");
@@ -165,7 +165,7 @@ void warn_of_steps(const Report& report, Notices& out) {
 
 void warn_of_directions(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
-  std::vector<Case> directions;
+  std::vector<WarningItem> directions;
   for (size_t i = 0; i < solution.unobservable.size(); ++i) {
     std::string sum;
     std::vector<std::string> parameters;
@@ -209,7 +209,7 @@ void warn_of_chi2(const Report& report, Notices& out) {
         "chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the "
         "sigmas of the result are too large",
         ratio);
-  std::vector<Case> sensors;
+  std::vector<WarningItem> sensors;
   for (const SensorResult& s : report.residuals.sensors) {
     const double count = static_cast<double>(s.train.whitened_count),
                  each = s.train.whitened_squared / count;
@@ -259,7 +259,7 @@ void warn_of_joint_errors(const Solution& solution, Notices& out) {
     ++x.count;
     if (std::abs(sigmas) > std::abs(x.worst)) x = {x.count, e.first.first, sigmas, e.second};
   }
-  std::vector<Case> joints;
+  std::vector<WarningItem> joints;
   for (const auto& x : excess) {
     const std::string name = rig.tree.joints[x.first].name;
     joints.push_back(
@@ -318,7 +318,7 @@ double largest_bend(const Solution& solution, int joint) {
     include(sample, sample.readings[joint]);
     for (const View& v : sample.views)
       if (rig.sensors[v.sensor].scanning_joint == joint)
-        for (size_t i = 0; i < v.z.size(); i += rig.sensors[v.sensor].model->numbers())
+        for (size_t i = 0; i < v.z.size(); i += rig.sensors[v.sensor].model->measurement_size())
           include(sample, v.z[i]);
   }
   return largest;
@@ -329,7 +329,7 @@ double largest_bend(const Solution& solution, int joint) {
 void warn_of_joint_models(const Solution& solution, Notices& out) {
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
-  std::vector<Case> bent;
+  std::vector<WarningItem> bent;
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (table.joint_offset[j] < 0 || rig.joints[j].model->size() <= 2) continue;
     const double largest = largest_bend(solution, static_cast<int>(j));
@@ -399,7 +399,7 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Notices& out) {
 /// Groups that came out much worse than such numbers usually are, and gears that the rig's path
 /// leaves out.
 void warn_of_widths(const Report& report, Notices& out) {
-  std::vector<Case> wide;
+  std::vector<WarningItem> wide;
   for (const AutomaticGroup& group : report.automatic)
     if (group.factor > kUnusualWidth && !group.held)
       wide.push_back({{Subject::Kind::group, group.name},
@@ -511,7 +511,7 @@ Notices warnings(const Evaluation& evaluation) {
   if (!evaluation.converged)
     out.push_back(make_notice(NoticeKind::not_converged, {},
                               "the estimation of targets or joint errors did not converge"));
-  std::vector<Case> undefined, open;
+  std::vector<WarningItem> undefined, open;
   for (const std::string& id : evaluation.undefined)
     undefined.push_back({Subject::sample(id),
                          "sample '" + id +

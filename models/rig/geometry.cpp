@@ -11,7 +11,7 @@ constexpr double kNegligible = 5e-3;  // of a column's length
 
 /// Positions of all joints, followers included, drawn within the limits.
 std::vector<std::vector<double>> draw_postures(const Tree& tree) {
-  Draws draws(1);
+  RandomStream draws(1);
   std::vector<std::vector<double>> out(kGeometryPostures,
                                        std::vector<double>(tree.joints.size(), 0.0));
   for (std::vector<double>& positions : out) {
@@ -55,7 +55,7 @@ int component_along(const Vector3d& axis) {
   return best;
 }
 
-void draw_readings(const Tree& tree, Draws& draws, std::vector<double>& readings) {
+void draw_readings(const Tree& tree, RandomStream& draws, std::vector<double>& readings) {
   for (size_t j = 0; j < tree.joints.size(); ++j) {
     if (!tree.joints[j].drives()) continue;
     const auto [lower, upper] = usual_range(tree.joints[j]);

@@ -28,7 +28,7 @@
 #include <vector>
 
 #include "../../kinematics/tree.h"
-#include "draws.h"
+#include "random_stream.h"
 
 namespace kincal {
 
@@ -51,7 +51,7 @@ int component_along(const Vector3d& axis);
 int body_of(const Tree& tree, int link);
 
 /// Draws the readings of joints that drive within their usual ranges; leaves the others.
-void draw_readings(const Tree& tree, Draws& draws, std::vector<double>& readings);
+void draw_readings(const Tree& tree, RandomStream& draws, std::vector<double>& readings);
 
 /// Returns the independent components at the tree's own geometry, found in 40 postures within the
 /// limits (none: +- pi, +- 0.5 m) with a fixed seed. The joints stand in the order of the chains.

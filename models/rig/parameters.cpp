@@ -21,7 +21,7 @@ ParameterKind kind_of_block(const std::string& name) {
 }  // namespace
 
 std::vector<JointNumber> further_numbers(const JointSettings& joint) {
-  std::vector<JointNumber> out = joint.model->further();
+  std::vector<JointNumber> out = joint.model->extra_parameters();
   for (size_t k = 0; k < out.size() && k < joint.further.size(); ++k)
     out[k].value = joint.further[k];
   return out;

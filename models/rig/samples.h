@@ -62,8 +62,8 @@ class SharedList {
 struct View {
   int sensor = -1, target = -1;  // indices
   SharedList<int> ids;           // target points; empty where the sensor measures poses
-  std::vector<double> z;         // model->numbers() a point; pose: x y z qx qy qz qw; chain: empty
-  SharedList<double> sigma;      // as the sensor's, or the view's own
+  std::vector<double> z;     // measurement_size() a point; pose: x y z qx qy qz qw; chain: empty
+  SharedList<double> sigma;  // as the sensor's, or the view's own
   std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
 };
 

@@ -24,7 +24,7 @@ namespace kincal {
 /// besides).
 template <int N>
 struct BrownConrady {
-  static constexpr int kRows = 2, kNumbers = 2;
+  static constexpr int kRows = 2, kMeasurementSize = 2;
   int parameter_count() const { return 5 + N; }
 
   bool residual(const double* parameters, const Vector3d& p, const double* z, double* r,
@@ -40,7 +40,7 @@ struct BrownConrady {
 
 /// This is Kannala-Brandt's fisheye with k1 k2 k3 k4.
 struct KannalaBrandt {
-  static constexpr int kRows = 2, kNumbers = 2;
+  static constexpr int kRows = 2, kMeasurementSize = 2;
   int parameter_count() const { return 9; }
 
   bool residual(const double* parameters, const Vector3d& p, const double* z, double* r,

@@ -7,7 +7,7 @@
 namespace kincal {
 
 struct PointSensor {
-  static constexpr int kRows = 3, kNumbers = 3;
+  static constexpr int kRows = 3, kMeasurementSize = 3;
   int parameter_count() const { return 0; }
 
   bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,

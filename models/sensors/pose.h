@@ -19,7 +19,7 @@ class PoseSensor final : public SensorModel {
  public:
   explicit PoseSensor(bool measures) : measures_(measures) {}
   int rows() const override { return 6; }
-  int numbers() const override { return measures_ ? 7 : 0; }
+  int measurement_size() const override { return measures_ ? 7 : 0; }
   bool measures_pose() const override { return true; }
   MeasurementKind measurement_kind() const override {
     return measures_ ? MeasurementKind::pose : MeasurementKind::chain;
@@ -56,7 +56,7 @@ class PoseSensor final : public SensorModel {
 class ChainPoints final : public SensorModel {
  public:
   int rows() const override { return 3; }
-  int numbers() const override { return 0; }
+  int measurement_size() const override { return 0; }
   int sigmas() const override { return 6; }
   bool has_own_noise() const override { return true; }
 

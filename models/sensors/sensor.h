@@ -9,7 +9,7 @@
 //
 // To add a sensor that sees single points, write a struct with
 //     static constexpr int kRows;          // residuals a point
-//     static constexpr int kNumbers;       // measured numbers a point
+//     static constexpr int kMeasurementSize;  // measured numbers a point
 //     int parameter_count() const;         // own numbers: intrinsics, ... (at most kMaxParameters)
 //     bool residual(const double* parameters, const Vector3d& p_sensor, const double* z,
 //                   double* r, double* d_r_d_point, double* d_r_d_parameters) const;
@@ -66,7 +66,7 @@ struct ViewInput {
   const Eigen::Matrix2Xd* bulge = nullptr;   // d points.z / d warp (boards that have it), else null
   const int* ids = nullptr;                  // which of them are seen
   int count = 0;                             // how many
-  const double* z = nullptr;  // count x numbers() measured numbers (a pose: 7, x y z qx qy qz qw)
+  const double* z = nullptr;  // count x measurement_size() numbers (a pose: 7, x y z qx qy qz qw)
   const double* sigma = nullptr;  // sigmas() standard deviations, for own_noise(); null: not known
 };
 
@@ -111,7 +111,7 @@ class SensorModel {
   /// Returns the number of residuals a point. A sensor that measures poses has one "point" a view.
   virtual int rows() const = 0;
   /// Returns the measured numbers a point (a view, if the sensor measures poses).
-  virtual int numbers() const = 0;
+  virtual int measurement_size() const = 0;
   /// Returns the number of sigmas that the sensor takes: one a residual, where it has no own_noise.
   virtual int sigmas() const { return rows(); }
   /// Returns the unit of the residuals, "px" or "m".
@@ -182,12 +182,12 @@ class PointwiseSensor final : public SensorModel {
   explicit PointwiseSensor(S sensor = S(), const char* unit = "m", ViewKernel view_kernel = nullptr)
       : sensor_(sensor), unit_(unit), kernel_(view_kernel) {}
   int rows() const override { return S::kRows; }
-  int numbers() const override { return S::kNumbers; }
+  int measurement_size() const override { return S::kMeasurementSize; }
   const char* unit() const override { return unit_; }
   MeasurementKind measurement_kind() const override {
-    return S::kRows == 2                       ? MeasurementKind::rays
-           : S::kRows == 3 && S::kNumbers == 3 ? MeasurementKind::points
-                                               : MeasurementKind::none;
+    return S::kRows == 2                               ? MeasurementKind::rays
+           : S::kRows == 3 && S::kMeasurementSize == 3 ? MeasurementKind::points
+                                                       : MeasurementKind::none;
   }
   const S& sensor() const { return sensor_; }
   ViewKernel kernel() const override { return kernel_; }
@@ -198,7 +198,7 @@ class PointwiseSensor final : public SensorModel {
     double d_p[S::kRows * 3], d_own[S::kRows * kMaxParameters];
     for (int i = 0; i < view.count; ++i) {
       const Vector3d p = view.sensor_T_target * Vector3d(view.points->col(view.ids[i]));
-      if (!sensor_.residual(view.parameters, p, view.z + i * S::kNumbers, r + i * S::kRows,
+      if (!sensor_.residual(view.parameters, p, view.z + i * S::kMeasurementSize, r + i * S::kRows,
                             L ? d_p : nullptr, L ? d_own : nullptr))
         return false;
       if (!L) continue;

@@ -14,7 +14,7 @@ void SensorModel::own_noise(const ViewInput&, int, Eigen::MatrixXd& b) const {
 }
 
 void SensorModel::compared(const double* z, int n, int stride, double* to) const {
-  const int count = rows(), apart = numbers();
+  const int count = rows(), apart = measurement_size();
   for (int i = 0; i < n; ++i)
     for (int k = 0; k < count; ++k) to[k * stride + i] = z[i * apart + k];
 }

@@ -29,7 +29,7 @@ namespace kincal {
 class TiltingLaser final : public SensorModel {
  public:
   int rows() const override { return 3; }
-  int numbers() const override { return 3; }
+  int measurement_size() const override { return 3; }
   bool scans() const override { return true; }
   MeasurementKind measurement_kind() const override { return MeasurementKind::scan; }
   bool has_own_noise() const override { return true; }

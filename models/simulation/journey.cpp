@@ -63,7 +63,7 @@ Posture Journey::at(double time) const {
   return out;
 }
 
-std::vector<double> Journey::logged(double time, Draws& draws) const {
+std::vector<double> Journey::logged(double time, RandomStream& draws) const {
   const Phase p = phase(time);
   std::vector<double> out;
   for (size_t j = 0; j < rig_.joints.size(); ++j)

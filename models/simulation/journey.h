@@ -12,7 +12,7 @@
 
 #include <vector>
 
-#include "../rig/draws.h"
+#include "../rig/random_stream.h"
 #include "simulation.h"
 
 namespace kincal {
@@ -46,7 +46,7 @@ class Journey {
   /// Returns how the robot really stands at a time, s: true readings, and poses of free targets.
   Posture at(double time) const;
   /// Returns what it logs at a time, s, by joint index.
-  std::vector<double> logged(double time, Draws& draws) const;
+  std::vector<double> logged(double time, RandomStream& draws) const;
 
  private:
   struct Phase {

@@ -105,7 +105,7 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
         goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
     posture.targets[group.target] = world_.place(robot, before, group.target, draws_);
   }
-  const Draws noise(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k));
+  const RandomStream noise(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k));
   if (goal) {  // the cheap question first
     std::vector<SensorTarget> first = views;
     first.push_back(*goal);

@@ -42,7 +42,7 @@ class RandomPostures {
   std::uint64_t seed_;
   int samples_;
   std::vector<PostureGroup> groups_;
-  Draws draws_;
+  RandomStream draws_;
   std::vector<int> joints_;
   std::set<SensorTarget> moving_;  // pairs of mounted targets that a posture moves
   std::set<std::pair<int, SensorTarget>>

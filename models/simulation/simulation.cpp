@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "../rig/configuration.h"
-#include "../rig/draws.h"
+#include "../rig/random_stream.h"
 #include "../rig/selection.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
@@ -101,7 +101,7 @@ VectorXd draw_truth(const ParameterTable& table, const std::vector<Spread>& spre
       for (int c : f.components) sigma[f.parameter][c] = s.sigma;
   }
   VectorXd truth = table.initial;
-  Draws draws(seed, kTruthStream);
+  RandomStream draws(seed, kTruthStream);
   for (size_t i = 0; i < table.all.size(); ++i) {
     const Parameter& p = table.all[i];
     if (p.hidden()) continue;
@@ -158,7 +158,7 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
     const bool known = m.measurement_kind() == MeasurementKind::chain ||
                        m.measurement_kind() == MeasurementKind::pose ||
                        m.measurement_kind() == MeasurementKind::scan;
-    if (!known && (m.measures_pose() || m.has_own_noise() || m.numbers() != m.rows()))
+    if (!known && (m.measures_pose() || m.has_own_noise() || m.measurement_size() != m.rows()))
       throw std::invalid_argument("sensor " + quoted(s.name) + ": sensors of type " +
                                   quoted(s.type) + " cannot be simulated");
     if (static_cast<int>(s.sigma.size()) != m.sigmas())
@@ -195,7 +195,7 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
       const bool listed = !posture.views.empty();
       draft = world.carry_out(
           posture, listed ? posture.views : views_of(rig, posture, pairs, k), listed,
-          Draws(options.seed, kFirstSampleStream + static_cast<std::uint64_t>(k)));
+          RandomStream(options.seed, kFirstSampleStream + static_cast<std::uint64_t>(k)));
     }
     out.dropped.insert(out.dropped.end(), draft.dropped.begin(), draft.dropped.end());
     if (draft.sample.views.empty()) continue;

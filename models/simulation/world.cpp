@@ -54,7 +54,7 @@ bool World::predict(int sensor, const Matrix3Xd& p_sensor, std::vector<double>& 
   const int n = static_cast<int>(p_sensor.cols());
   std::vector<int> ids(n);
   for (int i = 0; i < n; ++i) ids[i] = i;
-  const std::vector<double> zeros(n * model.numbers(), 0.0);
+  const std::vector<double> zeros(n * model.measurement_size(), 0.0);
   ViewInput in;
   in.parameters = own_numbers(sensor);
   in.points = &p_sensor;
@@ -194,7 +194,7 @@ bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base
   return kind != MeasurementKind::rays || inside(view.first, p_sensor, z, why);
 }
 
-void World::add_noise(int sensor, Draws& noise, std::vector<double>& z) const {
+void World::add_noise(int sensor, RandomStream& noise, std::vector<double>& z) const {
   const Sensor& s = rig_.sensors[sensor];
   if (s.model->measurement_kind() == MeasurementKind::pose) {
     const Pose t{rotation_from_quaternion(Eigen::Map<const Eigen::Vector4d>(z.data() + 3)),
@@ -209,7 +209,7 @@ void World::add_noise(int sensor, Draws& noise, std::vector<double>& z) const {
 }
 
 Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed,
-                       Draws noise) const {
+                       RandomStream noise) const {
   Draft draft;
   draft.readings = posture.readings;
   draft.targets = posture.targets;
@@ -262,7 +262,7 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
   return draft;
 }
 
-Pose World::place(const Sample& robot, int sensor, int target, Draws& draws) const {
+Pose World::place(const Sample& robot, int sensor, int target, RandomStream& draws) const {
   const Sensor& s = rig_.sensors[sensor];
   const Target& t = rig_.targets[target];
   const double size = extent(points_[target]);

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "../rig/configuration.h"
-#include "../rig/draws.h"
+#include "../rig/random_stream.h"
 #include "posture.h"
 
 namespace kincal {
@@ -45,13 +45,13 @@ class World {
   /// Carries out a posture. Those of `views` that cannot be are dropped; if they are `listed`, the
   /// reason is kept, and boards may be seen from behind.
   Draft carry_out(const Posture& posture, const std::vector<SensorTarget>& views, bool listed,
-                  Draws noise) const;
+                  RandomStream noise) const;
 
   /// Places a target where the sensor is likely to see it, and returns base_T_target. Cameras: the
   /// board fills 20 to 60 % of the image, at least 0.4 m away. Lasers: 2 to 6 times its extent, at
   /// least 0.5 m away. Both: its front to them, tilted up to 45 degrees and turned at will. Others:
   /// 0.5 to 2 m away, at will.
-  Pose place(const Sample& robot, int sensor, int target, Draws& draws) const;
+  Pose place(const Sample& robot, int sensor, int target, RandomStream& draws) const;
 
  private:
   Configuration at(const Sample& robot) const {
@@ -74,7 +74,7 @@ class World {
               std::string& why) const;
   bool predict(int sensor, const Eigen::Matrix3Xd& p_sensor, std::vector<double>& z,
                RowMatrix* by_point) const;
-  void add_noise(int sensor, Draws& noise, std::vector<double>& z) const;
+  void add_noise(int sensor, RandomStream& noise, std::vector<double>& z) const;
 
   const Rig& rig_;
   const ParameterTable& table_;

@@ -26,7 +26,7 @@ int blocks_of(const Rig& rig, const View& v) {
 
 /// The view without some points.
 View without(const Rig& rig, const View& view, const std::vector<char>& out) {
-  const int numbers = rig.sensors[view.sensor].model->numbers();
+  const int numbers = rig.sensors[view.sensor].model->measurement_size();
   View v = view;
   v.ids.clear();
   v.z.clear();

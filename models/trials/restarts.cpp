@@ -6,7 +6,7 @@
 #include <stdexcept>
 
 #include "../calibration/calibration.h"
-#include "../rig/draws.h"
+#include "../rig/random_stream.h"
 #include "../rig/scales.h"
 #include "../rig/words.h"
 
@@ -20,7 +20,7 @@ constexpr size_t kDiffering = 10;
 /// How a restart moves its starts: by a share of the usual distances, each component once.
 struct Scatter {
   double share = 1;
-  Draws draws;
+  RandomStream draws;
   std::vector<std::vector<char>> moved;  // by parameter and component
 };
 
@@ -87,7 +87,7 @@ bool same(const Solution& a, const Solution& b) {
 Solution run_again(const Solution& solution, const CalibrationOptions& options, int n) {
   Solution end;
   for (int halving = 0; halving <= kHalvings; ++halving) {
-    Scatter scatter{std::ldexp(1.0, -halving), Draws(static_cast<std::uint64_t>(n)), {}};
+    Scatter scatter{std::ldexp(1.0, -halving), RandomStream(static_cast<std::uint64_t>(n)), {}};
     scatter.moved.resize(solution.table().all.size());
     StepVariations other;
     other.noise_ratios = solution.setup.noise_ratios;  // else costs could not be compared

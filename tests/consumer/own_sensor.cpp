@@ -14,7 +14,7 @@ using namespace kincal;
 namespace {
 
 struct Bearing {
-  static constexpr int kRows = 2, kNumbers = 2;
+  static constexpr int kRows = 2, kMeasurementSize = 2;
   int parameter_count() const { return 0; }
 
   bool residual(const double*, const Vector3d& p, const double* z, double* r, double* d_p,

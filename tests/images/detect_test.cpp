@@ -300,7 +300,7 @@ TEST_CASE("images: neither the lens nor falling light moves the centres of circl
   int count = 0;
   for (PictureCamera& camera : postures(3, 2, 10)) {
     camera.k1 = -0.25;
-    Draws draws(7);
+    RandomStream draws(7);
     cv::Mat light = exposed(camera, print, draws);
     REQUIRE(light.type() == CV_64F);
     for (int y = 0; y < light.rows; ++y)  // half as bright in the corners
@@ -362,7 +362,7 @@ TEST_CASE("images: a lattice of other steps is not taken for the board's") {
   const auto print = [](double x, double y) {
     return x < -2 || y < -2 || x > 6 || y > 5 ? 0.4 : chessboard(x, y, 4, 5);
   };
-  Draws draws(5);
+  RandomStream draws(5);
   for (int i = 0; i < 15; ++i) {
     const auto around = [&](double middle, double most) {
       return middle + draws.uniform(-most, most);

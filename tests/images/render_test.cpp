@@ -100,7 +100,7 @@ TEST_CASE("render: a pixel is the share of the ink in it") {
   for (const double edge : {0.0, 0.2, 0.37, 0.75}) {  // px right of the middle, along the pixels
     const Print print{[&](double x, double) { return x < edge / 100 ? 0. : 1.; },
                       cv::Rect2d(-9, -9, 18, 18)};
-    const cv::Mat picture = take_picture(rays, {sheet_at(print, 1)}, kPlain, Draws(3));
+    const cv::Mat picture = take_picture(rays, {sheet_at(print, 1)}, kPlain, RandomStream(3));
     CHECK(cv::mean(picture.col(9))[0] == 30);
     // Few shares are possible, and each is rounded to whole grey levels.
     CHECK(cv::mean(picture.col(10))[0] == Approx(220 - 190 * edge).margin(0.5));
@@ -115,31 +115,32 @@ TEST_CASE("render: what is near hides what is far, and backs are grey") {
   for (const bool first : {true, false}) {
     std::vector<Sheet> sheets = {sheet_at(white, 2), sheet_at(black, 1)};
     if (first) std::swap(sheets[0], sheets[1]);
-    const cv::Mat picture = take_picture(rays, sheets, kPlain, Draws(3));
+    const cv::Mat picture = take_picture(rays, sheets, kPlain, RandomStream(3));
     CHECK(picture.at<uchar>(20, 20) == 30);
     CHECK(picture.at<uchar>(20, 25) == 220);
     CHECK(picture.at<uchar>(2, 2) == cv::saturate_cast<uchar>(30 + 190 * 0.45));
   }
   Sheet behind = sheet_at(white, -1);
-  CHECK(take_picture(rays, {behind}, kPlain, Draws(3)).at<uchar>(20, 20) == 116);
+  CHECK(take_picture(rays, {behind}, kPlain, RandomStream(3)).at<uchar>(20, 20) == 116);
   Sheet turned = sheet_at(white, 1);
   turned.y_up = true;
-  CHECK(take_picture(rays, {turned}, kPlain, Draws(3)).at<uchar>(20, 20) == 125);
+  CHECK(take_picture(rays, {turned}, kPlain, RandomStream(3)).at<uchar>(20, 20) == 125);
 }
 
 TEST_CASE("render: corners get darker, noise is as asked for and the same for the same seed") {
   const CameraRays rays = plain_rays(200, 200, 100);
   const Print white{[](double, double) { return 0.5; }, cv::Rect2d(-9, -9, 18, 18)};
   const Look dark{0, 0, 0.3, "grey"}, noisy{0, 5, 0, "grey"};
-  const cv::Mat light = take_picture(rays, {sheet_at(white, 1)}, dark, Draws(3));
+  const cv::Mat light = take_picture(rays, {sheet_at(white, 1)}, dark, RandomStream(3));
   CHECK(light.at<uchar>(100, 100) == 125);
   CHECK(light.at<uchar>(0, 0) == Approx(125 * 0.7).margin(1));
-  const cv::Mat one = take_picture(rays, {sheet_at(white, 1)}, noisy, Draws(3));
+  const cv::Mat one = take_picture(rays, {sheet_at(white, 1)}, noisy, RandomStream(3));
   cv::Scalar mean, sigma;
   cv::meanStdDev(one, mean, sigma);
   CHECK(mean[0] == Approx(125).margin(0.2));
   CHECK(sigma[0] == Approx(5).epsilon(0.03));
-  CHECK(cv::norm(one, take_picture(rays, {sheet_at(white, 1)}, noisy, Draws(3)), cv::NORM_INF) ==
-        0);
-  CHECK(cv::norm(one, take_picture(rays, {sheet_at(white, 1)}, noisy, Draws(4)), cv::NORM_INF) > 0);
+  CHECK(cv::norm(one, take_picture(rays, {sheet_at(white, 1)}, noisy, RandomStream(3)),
+                 cv::NORM_INF) == 0);
+  CHECK(cv::norm(one, take_picture(rays, {sheet_at(white, 1)}, noisy, RandomStream(4)),
+                 cv::NORM_INF) > 0);
 }

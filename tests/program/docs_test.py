@@ -278,7 +278,7 @@ def check_sensor(source, binary):
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
         joint = ['#include "quadratic.h"', "int main() {", "  const double own[] = {0.1, 1.02, 0.05};",
                  "  const QuadraticJoint joint;",
-                 "  return joint.further().size() == 1 && std::abs(joint.position(joint.reading(0.7, own), own) - 0.7) < 1e-12 ? 0 : 1;", "}"]
+                 "  return joint.extra_parameters().size() == 1 && std::abs(joint.position(joint.reading(0.7, own), own) - 0.7) < 1e-12 ? 0 : 1;", "}"]
         for name, lines in zip(("bearing.h", "main.cpp", "check.cpp", "quadratic.h", "joint.cpp"), code + [joint]):
             with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")

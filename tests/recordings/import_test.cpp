@@ -29,7 +29,7 @@
 #include "../../io/recordings/written_messages.h"
 #include "../../kinematics/floating.h"
 #include "../../models/rig/configuration.h"
-#include "../../models/rig/draws.h"
+#include "../../models/rig/random_stream.h"
 #include "../fixtures/example.h"
 
 using namespace kincal;
@@ -129,7 +129,7 @@ void forget(RecordedStreams& streams, const TimeInterval& time, const std::strin
 /// Writes 5 rests: joint a at 100 Hz, b at 40 Hz on a topic of its own, poses at 50 Hz.
 void write_rests(Place& place, Wire wire, double a_scatter, double clock, bool stamped) {
   place.open(wire);
-  Draws draws(3);
+  RandomStream draws(3);
   BagWriter& bag = *place.bag;
   const int fast = bag.add_topic("/arm/joint_states", "sensor_msgs/JointState"),
             slow = bag.add_topic("/hand/joint_states", "sensor_msgs/JointState"),

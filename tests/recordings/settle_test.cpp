@@ -12,7 +12,7 @@
 #include <cmath>
 
 #include "../../io/recordings/settled_view.h"
-#include "../../models/rig/draws.h"
+#include "../../models/rig/random_stream.h"
 
 using namespace kincal;
 
@@ -22,7 +22,7 @@ namespace {
 double smooth(double u) { return u <= 0 ? 0 : u >= 1 ? 1 : u * u * u * (10 + u * (-15 + u * 6)); }
 
 /// Rests of 1 s and ways of 2 s between them, of 0.4 rad each, at 100 Hz.
-Series stops_and_ways(int stops, double scatter, Draws& draws, double step = 0) {
+Series stops_and_ways(int stops, double scatter, RandomStream& draws, double step = 0) {
   Series out;
   for (int i = 0; i <= 300 * stops - 200; ++i) {
     const double t = 0.01 * i, at = std::floor(t / 3);
@@ -65,7 +65,7 @@ void check_stops(const Series& series, int stops, double held = 0) {
 }  // namespace
 
 TEST_CASE("settle: the scatter at rest, with motion around it") {
-  Draws draws(1);
+  RandomStream draws(1);
   for (const double scatter : {1e-5, 1e-4, 1e-3})
     CHECK(scatter_at_rest(stops_and_ways(60, scatter, draws)) == Approx(scatter).epsilon(0.15));
   Series never = stops_and_ways(1, 0, draws);  // slow motion all the time is no noise
@@ -77,7 +77,7 @@ TEST_CASE("settle: the scatter at rest, with motion around it") {
 }
 
 TEST_CASE("settle: rests are found whole") {
-  Draws draws(2);
+  RandomStream draws(2);
   check_stops(stops_and_ways(20, 1e-4, draws), 20);
   check_stops(stops_and_ways(20, 1e-3, draws), 20);
   SECTION("exact readings") { check_stops(stops_and_ways(5, 0, draws), 5); }
@@ -88,7 +88,7 @@ TEST_CASE("settle: rests are found whole") {
 }
 
 TEST_CASE("settle: some rests repeat one reading bit by bit, others jitter") {
-  Draws draws(6);
+  RandomStream draws(6);
   for (const int every : {2, 3}) {  // every second or third rest jitters, brakes hold the others
     Series series = stops_and_ways(24, 1e-4, draws);
     double held = 0;
@@ -145,7 +145,7 @@ TEST_CASE("settle: sets of intervals") {
 }
 
 TEST_CASE("settle: averages have the sigma that they state") {
-  Draws draws(3);
+  RandomStream draws(3);
   const double scatter = 3e-4, systematic = 1e-4;
   double squares = 0;
   const int runs = 1000;
@@ -185,7 +185,7 @@ TEST_CASE("settle: values between readings") {
 
 namespace {
 
-CornerFrame corners_at(double time, double shift, double noise, Draws& draws) {
+CornerFrame corners_at(double time, double shift, double noise, RandomStream& draws) {
   CornerFrame out;
   out.time = time;
   for (int id = 0; id < 20; ++id) {
@@ -199,7 +199,7 @@ CornerFrame corners_at(double time, double shift, double noise, Draws& draws) {
 }  // namespace
 
 TEST_CASE("settle: corners are averaged over still frames") {
-  Draws draws(4);
+  RandomStream draws(4);
   const double noise = 0.03;
   std::vector<std::vector<CornerFrame>> rests;
   for (int rest = 0; rest < 30; ++rest) {
@@ -251,7 +251,7 @@ TEST_CASE("settle: corners are averaged over still frames") {
 }
 
 TEST_CASE("settle: averaged corners have the sigma that they state") {
-  Draws draws(5);
+  RandomStream draws(5);
   const double noise = 0.05, systematic = 0.02;
   double squares = 0;
   long count = 0;

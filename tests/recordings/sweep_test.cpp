@@ -60,7 +60,7 @@ Errors errors_of_sweeps(const LaserBench& bench, int seeds, size_t least) {
 /// no order.
 Cloud cloud_of(const LaserBench& bench, std::uint64_t seed, bool rings, double ahead) {
   Cloud out;
-  Draws draws(seed);
+  RandomStream draws(seed);
   const LaserScene scene = bench.scene(seed);
   std::vector<Vector3d> points;
   std::vector<double> intensities;
@@ -279,7 +279,7 @@ TEST_CASE("sweep: a laser's mount is calibrated to what its covariance says") {
     LaserBench bench(kLargeBoard);
     bench.tilt_noise = 5e-5;
     bench.speed = 0.15;
-    Draws draws(1000 + seed);
+    RandomStream draws(1000 + seed);
     RigFile rig = bench.rig;  // as designed: it does not know where the laser is
     rig.rig.sensors = {bench.rig.rig.sensors[0], camera};
     Sensor& laser = rig.rig.sensors[0];

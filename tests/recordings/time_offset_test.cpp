@@ -78,7 +78,7 @@ struct Trip {
       stops.push_back(stop);
     }
     journey = std::make_unique<Journey>(rig, table, truth, stops, JourneyOptions());
-    Draws draws(seed, 77);
+    RandomStream draws(seed, 77);
     series.resize(rig.tree.joints.size());
     for (double t = 0; t <= journey->duration(); t += 0.01) {
       const std::vector<double> logged = journey->logged(t, draws);
@@ -102,7 +102,7 @@ struct Trip {
   }
 
   /// What a camera sees of a target at a time, with noise.
-  bool picture(int sensor, int target, double time, Draws& draws, View& view) const {
+  bool picture(int sensor, int target, double time, RandomStream& draws, View& view) const {
     const Posture posture = journey->at(time);
     const Target& what = rig.targets[static_cast<size_t>(target)];
     for (const int j : view_readings(rig, sensor, target))
@@ -146,7 +146,7 @@ struct Trip {
                                     const std::vector<double>& phases = {0.125, 0.375, 0.625,
                                                                          0.875}) const {
     std::vector<WaySighting> out;
-    Draws draws(seed, 78);
+    RandomStream draws(seed, 78);
     for (int k = 0; k + 1 < static_cast<int>(stops.size()); ++k)
       for (const double phase : phases) {
         const double taken = 2.5 * k + 1.5 + phase;
@@ -199,7 +199,7 @@ TEST_CASE("time offset: wrong pictures do no harm") {
   const Trip trip(kArm, kArm + "truth.json", 16, 21);
   std::vector<WaySighting> seen = trip.pictures(
       0, 0, [](double) { return 0.02; }, 1);
-  Draws draws(5);
+  RandomStream draws(5);
   for (size_t i = 0; i < seen.size(); i += 7)  // one in seven is of another posture
     for (double& z : seen[i].view.z) z += 40 * draws.normal();
   const TimeOffset found = trip.find(0, seen);

@@ -6,7 +6,7 @@
 // subtract() with and without an array of diagonal blocks, origin(), diagonal_origin(),
 // add_diagonal_blocks(), accumulate(), clear() and add_to_diagonal() mean the same matrix; nothing
 // is written behind the arrays; the solution is that of a plain Cholesky; an indefinite matrix is
-// refused and does no harm to the next; what `automatic` chooses; a crew factors to the same bits
+// refused and does no harm to the next; what `automatic` chooses; a pool factors to the same bits
 // as one thread. Does not prove: anything about time or fill.
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -195,7 +195,7 @@ void check(const Structure& s, int depth, bool light, Random& random) {
     CHECK(difference(system.full(single.data()), entries) == 0);
 
     // Factors: one that is refused, then twice one that is not.
-    Crew alone(1);
+    ThreadPool alone(1);
     if (n > 0) {
       std::vector<double> indefinite = values.all;
       system.add_to_diagonal(indefinite.data(), n / 2, -whole(n / 2, n / 2) - 1);
@@ -331,15 +331,15 @@ TEST_CASE("reduced system: a crew factors a large dense system to the same bits"
     std::vector<double> values(system.storage(), 0.0);
     for (int j = 0; j < n; ++j)
       for (int i = j; i < n; ++i) values[system.origin()[j] + i] = whole(i, j);
-    Crew alone(1);
+    ThreadPool alone(1);
     std::vector<double> expected = values;
     REQUIRE(system.factor(expected.data(), alone));
     for (const int threads : {2, 3, 7}) {
-      Crew crew(threads);
+      ThreadPool pool(threads);
       std::vector<double> factored = values, indefinite = values;
       system.add_to_diagonal(indefinite.data(), n - 60, -whole(n - 60, n - 60) - 1);
-      CHECK_FALSE(system.factor(indefinite.data(), crew));
-      REQUIRE(system.factor(factored.data(), crew));
+      CHECK_FALSE(system.factor(indefinite.data(), pool));
+      REQUIRE(system.factor(factored.data(), pool));
       bool same = true;
       for (int j = 0; j < n; ++j)
         for (int i = j; i < n; ++i)

@@ -1,7 +1,7 @@
 // solver/threads.h, and that results do not depend on the number of threads.
 //
-// Proves: a Crew does every piece exactly once, those of a share in their order, with workers in
-// range, over very many short runs and pieces of any number; what a piece throws comes out, and
+// Proves: a ThreadPool does every piece exactly once, those of a share in their order, with workers
+// in range, over very many short runs and pieces of any number; what a piece throws comes out, and
 // nobody waits for ever; the estimation of a PR2-like robot and of the nasty one ends in the same
 // bits for 1, 2, 3 and 5 threads, dense, sparse and CHOLMOD, with and without joint noise. Does not
 // prove: that there are no data races (run this under a thread sanitizer), nor speed.
@@ -22,15 +22,15 @@ using namespace kincal::fixture;
 
 TEST_CASE("threads: a crew does every piece once, many times") {
   for (const int threads : {1, 2, 3, 4}) {
-    Crew crew(threads);
-    REQUIRE(crew.size() == threads);
+    ThreadPool pool(threads);
+    REQUIRE(pool.size() == threads);
     bool in_range = true;
     long wrong = 0;
     for (int round = 0; round < 4000; ++round) {
       const int pieces = round % 23;
       int done[23] = {};  // without atomics: whoever returns from run() sees what was written in it
       std::atomic<bool> good{true};
-      crew.run(pieces, 1 + round % Crew::kMostShares, [&](int piece, int worker) {
+      pool.run(pieces, 1 + round % ThreadPool::kMostShares, [&](int piece, int worker) {
         if (piece < 0 || piece >= pieces || worker < 0 || worker >= threads) good = false;
         ++done[piece];
       });
@@ -45,11 +45,11 @@ TEST_CASE("threads: a crew does every piece once, many times") {
 
 TEST_CASE("threads: pauses between runs, so that threads fall asleep, and crews that never work") {
   for (int round = 0; round < 30; ++round) {
-    Crew idle(1 + round % 4);
-    Crew crew(1 + round % 3);
+    ThreadPool idle(1 + round % 4);
+    ThreadPool pool(1 + round % 3);
     for (int again = 0; again < 3; ++again) {
       std::atomic<int> sum{0};
-      crew.run(10, 2, [&](int piece, int) { sum += piece; });
+      pool.run(10, 2, [&](int piece, int) { sum += piece; });
       CHECK(sum == 45);
       std::this_thread::sleep_for(std::chrono::microseconds(round % 2 ? 300 : 0));
     }
@@ -58,21 +58,21 @@ TEST_CASE("threads: pauses between runs, so that threads fall asleep, and crews 
 
 TEST_CASE("threads: pieces may wait for those before them in their share") {
   for (const int threads : {1, 2, 3, 5})
-    for (int shares = 1; shares <= Crew::kMostShares; ++shares) {
-      Crew crew(threads);
+    for (int shares = 1; shares <= ThreadPool::kMostShares; ++shares) {
+      ThreadPool pool(threads);
       constexpr int kPieces = 13;
       int in_order = 0;
       for (int round = 0; round < 300; ++round) {
-        std::atomic<int> turn[Crew::kMostShares];
-        for (int k = 0; k < shares; ++k) turn[k] = Crew::first_of(k, kPieces, shares);
-        crew.run(kPieces, shares, [&](int piece, int) {
+        std::atomic<int> turn[ThreadPool::kMostShares];
+        for (int k = 0; k < shares; ++k) turn[k] = ThreadPool::first_of(k, kPieces, shares);
+        pool.run(kPieces, shares, [&](int piece, int) {
           int share = shares - 1;
-          while (Crew::first_of(share, kPieces, shares) > piece) --share;
+          while (ThreadPool::first_of(share, kPieces, shares) > piece) --share;
           while (turn[share] != piece) std::this_thread::yield();  // a test that ends proves it
           ++turn[share];
         });
         for (int k = 0; k < shares; ++k)
-          in_order += turn[k] == Crew::first_of(k + 1, kPieces, shares);
+          in_order += turn[k] == ThreadPool::first_of(k + 1, kPieces, shares);
       }
       INFO(threads << " threads, " << shares << " shares");
       CHECK(in_order == 300 * shares);
@@ -81,11 +81,11 @@ TEST_CASE("threads: pieces may wait for those before them in their share") {
 
 TEST_CASE("threads: no two workers with the same number are at work at once") {
   for (const int threads : {2, 3, 4}) {
-    Crew crew(threads);
+    ThreadPool pool(threads);
     std::vector<std::atomic<int>> busy(threads);
     std::atomic<bool> twice{false};
     for (int round = 0; round < 500; ++round)
-      crew.run(16, 4, [&](int, int worker) {
+      pool.run(16, 4, [&](int, int worker) {
         if (busy[worker]++ != 0) twice = true;
         --busy[worker];
       });
@@ -95,14 +95,14 @@ TEST_CASE("threads: no two workers with the same number are at work at once") {
 
 TEST_CASE("threads: what work throws comes out of run(), and the crew goes on") {
   for (const int threads : {1, 2, 4}) {
-    Crew crew(threads);
+    ThreadPool pool(threads);
     for (int round = 0; round < 200; ++round) {
       const auto fail = [&](int piece, int) {
         if (piece == round % 16) throw std::bad_alloc();
       };
-      CHECK_THROWS_AS(crew.run(16, 3, fail), std::bad_alloc);
+      CHECK_THROWS_AS(pool.run(16, 3, fail), std::bad_alloc);
       std::atomic<int> done{0};
-      crew.run(16, 3, [&](int, int) { ++done; });
+      pool.run(16, 3, [&](int, int) { ++done; });
       CHECK(done == 16);
     }
   }

@@ -81,7 +81,7 @@ std::vector<Sample> seen(const Rig& rig, double measured = 0.5, double change = 
         v.target = static_cast<int>(t);
         v.sigma = rig.sensors[s].sigma;
         v.ids = seen_ids(rig, v);
-        v.z.assign(v.ids.size() * rig.sensors[s].model->numbers(),
+        v.z.assign(v.ids.size() * rig.sensors[s].model->measurement_size(),
                    measured * (1 + change * n));
         sample.views.push_back(v);
       }
@@ -459,7 +459,8 @@ TEST_CASE("groups: what nothing can turn") {
     CHECK(names(recording, groups.mounts) == whole_poses({"sensor/tip/pose", "target/plate/pose"}));
     CHECK(names(recording, groups.pointing) ==
           Names{"sensor/tip/pose.rx", "sensor/tip/pose.ry", "sensor/tip/pose.rz"});
-    // A tip that is elsewhere in the sensor's frame, always at the same place, turns nothing either.
+    // A tip that is elsewhere in the sensor's frame, always at the same place, turns nothing
+    // either.
     const Recording tip(rig, seen(rig, 0.1));
     const AutomaticGroups beside = make_groups(tip, {});
     CHECK(names(tip, beside.pointing) == names(recording, groups.pointing));

@@ -270,13 +270,13 @@ TEST_CASE("widths: the gain of a group is the difference of two dense evidences"
     const Linear l = mixed(5, open, {2, 1, 3});
     const Widths widths = learn_widths(l.problem, VectorXd::Ones(3), 100);
     REQUIRE(widths.defined);
-    const Holding holding = hold(l.problem, widths);
+    const Selection selection = hold(l.problem, widths);
     for (int k = 0; k < 3; ++k) {
-      CHECK_FALSE(holding.whole[k]);
+      CHECK_FALSE(selection.whole[k]);
       const double gain =
           log_evidence(l, widths.factor) - log_evidence(l, widths.factor, numbers_of(l.problem, k));
       CHECK(gain > 3);
-      CHECK(holding.gain(k) == Approx(gain).epsilon(1e-8));
+      CHECK(selection.gain(k) == Approx(gain).epsilon(1e-8));
     }
   }
 }
@@ -289,7 +289,7 @@ TEST_CASE("widths: groups are held one after the other, each judged beside those
       const Linear l = mixed(seed, open, {0.02, 2, 0.05, 0.1});
       const Widths widths = learn_widths(l.problem, VectorXd::Ones(4), 100);
       REQUIRE(widths.defined);
-      const Holding holding = hold(l.problem, widths);
+      const Selection selection = hold(l.problem, widths);
       std::vector<int> zero;
       std::vector<char> whole(4, 0);
       for (;;) {
@@ -307,16 +307,16 @@ TEST_CASE("widths: groups are held one after the other, each judged beside those
           }
         }
         if (least < 0 || smallest >= 3) break;
-        CHECK(holding.whole[least]);
-        CHECK(holding.gain(least) == Approx(smallest).epsilon(1e-7).margin(1e-7));
+        CHECK(selection.whole[least]);
+        CHECK(selection.gain(least) == Approx(smallest).epsilon(1e-7).margin(1e-7));
         whole[least] = 1;
         for (const int i : numbers_of(l.problem, least)) zero.push_back(i);
         ++held_in_all;
       }
-      CHECK(whole == holding.whole);
+      CHECK(whole == selection.whole);
       for (int k = 0; k < 4; ++k)
         for (const int i : numbers_of(l.problem, k))
-          if (whole[k]) CHECK(holding.held[i]);
+          if (whole[k]) CHECK(selection.held[i]);
       CHECK_FALSE(whole[1]);
     }
   CHECK(held_in_all >= 30);
@@ -337,15 +337,15 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
       const Linear l = mixed(seed, open, {2, 0.03});
       Widths widths = learn_widths(l.problem, VectorXd::Ones(2), 100);
       REQUIRE(widths.defined);
-      const Holding holding = hold(l.problem, widths);
-      REQUIRE(holding.whole == std::vector<char>{0, 1});
-      REQUIRE(std::count(holding.held.begin(), holding.held.end(), 1) == 4);
+      const Selection selection = hold(l.problem, widths);
+      REQUIRE(selection.whole == std::vector<char>{0, 1});
+      REQUIRE(std::count(selection.held.begin(), selection.held.end(), 1) == 4);
       const std::vector<int> h = numbers_of(l.problem, 1);
       const Dense all = solve(l, widths.factor), fixed = solve(l, widths.factor, h);
       const VectorXd m = all.value - fixed.value;
       // What the held numbers add with the probability that they are off, and what wider widths do.
       const MatrixXd off = all.covariance - fixed.covariance + m * m.transpose();
-      const double p = holding.probability(1), spread = std::log(10),
+      const double p = selection.probability(1), spread = std::log(10),
                    best = log_evidence(l.problem, widths.factor);
       double average = 0;  // of the evidence over the widths, in steps of 0.01
       for (double u = -5 * spread; u < 5 * spread; u += 0.01) {
@@ -355,13 +355,13 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
                    std::exp(log_evidence(l.problem, other) - best - u * u / (2 * spread * spread)) /
                    (spread * std::sqrt(2 * kPi));
       }
-      CHECK(p == Approx(1 / (1 + 0.25 * std::exp(-holding.gain(1)) / average)).epsilon(0.05));
-      const MatrixXd wider = holding.second_moment - fixed.covariance - p * off;
+      CHECK(p == Approx(1 / (1 + 0.25 * std::exp(-selection.gain(1)) / average)).epsilon(0.05));
+      const MatrixXd wider = selection.second_moment - fixed.covariance - p * off;
       CHECK(smallest_eigenvalue(wider) > -1e-9 * off.trace());
       CHECK(wider.trace() < 3 * (all.covariance.trace() + off.trace()));
-      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(holding.second_moment);
+      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(selection.second_moment);
       CHECK(eigen.eigenvalues().minCoeff() > -1e-12 * eigen.eigenvalues().maxCoeff());
-      CHECK((holding.second_moment.diagonal() - fixed.covariance.diagonal()).minCoeff() > -1e-15);
+      CHECK((selection.second_moment.diagonal() - fixed.covariance.diagonal()).minCoeff() > -1e-15);
     }
 }
 
@@ -373,16 +373,16 @@ TEST_CASE("widths: single numbers that the data do not tell are put back with al
     l.a.col(blind) *= 1e-2;  // seen with ten times its start
     l = Linear(l.a, l.y, l.about, l.problem.start, l.problem.group, 1);
     const Widths widths = learn_widths(l.problem, VectorXd::Ones(1), 100);
-    const Holding holding = hold(l.problem, widths);
-    REQUIRE_FALSE(holding.whole[0]);
-    for (size_t i = 0; i < holding.held.size(); ++i)
-      CHECK(bool(holding.held[i]) == (static_cast<int>(i) == blind));
+    const Selection selection = hold(l.problem, widths);
+    REQUIRE_FALSE(selection.whole[0]);
+    for (size_t i = 0; i < selection.held.size(); ++i)
+      CHECK(bool(selection.held[i]) == (static_cast<int>(i) == blind));
     const Dense all = solve(l, widths.factor), fixed = solve(l, widths.factor, {blind});
     const VectorXd m = all.value - fixed.value;
     const MatrixXd at_least = all.covariance + m * m.transpose();
-    CHECK(smallest_eigenvalue(holding.second_moment - at_least) > -1e-9 * at_least.trace());
+    CHECK(smallest_eigenvalue(selection.second_moment - at_least) > -1e-9 * at_least.trace());
     const double t = widths.factor(0) * l.problem.start(blind);
-    CHECK(holding.second_moment(blind, blind) > 0.9 * t * t);
+    CHECK(selection.second_moment(blind, blind) > 0.9 * t * t);
   }
 }
 
@@ -398,15 +398,15 @@ TEST_CASE("widths: a group of which the data say nothing keeps its width, in its
     REQUIRE(widths.defined);
     CHECK(widths.factor(1) == Approx(1).epsilon(1e-6));
     CHECK(widths.gamma(1) == Approx(0).margin(1e-6));
-    const Holding holding = hold(l.problem, widths);
-    CHECK(holding.whole == std::vector<char>{0, 1});
-    CHECK(holding.gain(1) == Approx(0).margin(1e-6));
+    const Selection selection = hold(l.problem, widths);
+    CHECK(selection.whole == std::vector<char>{0, 1});
+    CHECK(selection.gain(1) == Approx(0).margin(1e-6));
     for (const int i : numbers_of(l.problem, 1)) {
       // Perhaps several times wider than its start: 0.27 % of errors from widths that the
       // hyperprior (to two of its spreads) allows are beyond three times 4.72 starts.
-      const double share = holding.second_moment(i, i) / std::pow(l.problem.start(i), 2);
-      CHECK(share == Approx(holding.inflation(1)).epsilon(1e-3));
-      CHECK(holding.inflation(1) == Approx(4.72 * 4.72).epsilon(0.01));
+      const double share = selection.second_moment(i, i) / std::pow(l.problem.start(i), 2);
+      CHECK(share == Approx(selection.inflation(1)).epsilon(1e-3));
+      CHECK(selection.inflation(1) == Approx(4.72 * 4.72).epsilon(0.01));
     }
   }
 }
@@ -432,13 +432,14 @@ TEST_CASE("widths: errors are covered whatever a group's true width is") {
         const WidthProblem problem = seen_alone(measured, sigma, 5e-3);
         const Widths widths = learn_widths(problem, VectorXd::Ones(1), 60);
         REQUIRE(widths.defined);
-        const Holding holding = hold(problem, widths);
+        const Selection selection = hold(problem, widths);
         VectorXd value = widths.posterior.value;
         for (int i = 0; i < kNumbers; ++i)
-          if (holding.held[i]) value(i) = 0;  // the numbers do not depend on each other
-        const double error = (value - truth).squaredNorm(), second = holding.second_moment.trace();
+          if (selection.held[i]) value(i) = 0;  // the numbers do not depend on each other
+        const double error = (value - truth).squaredNorm(),
+                     second = selection.second_moment.trace();
         beyond += error > 9 * second;
-        held += holding.whole[0];
+        held += selection.whole[0];
         squares += error;
         predicted += second;
       }

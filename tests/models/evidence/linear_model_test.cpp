@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "../../../models/evidence/evidence.h"
-#include "../../../models/rig/draws.h"
+#include "../../../models/rig/random_stream.h"
 
 using namespace kincal;
 
@@ -24,7 +24,7 @@ namespace {
 
 const double kSpreadOfFactors = std::log(3.0);
 
-MatrixXd drawn(Draws& draws, Eigen::Index rows, Eigen::Index columns) {
+MatrixXd drawn(RandomStream& draws, Eigen::Index rows, Eigen::Index columns) {
   MatrixXd out(rows, columns);
   for (Eigen::Index i = 0; i < rows; ++i)
     for (Eigen::Index j = 0; j < columns; ++j) out(i, j) = draws.normal();
@@ -42,7 +42,7 @@ struct Toy {
   std::vector<int> kind;
 
   /// Draws data with the unknowns drawn from their priors, but `absent` (0), and noise factors s.
-  void draw(Draws& draws, const std::vector<double>& s, int absent = -1) {
+  void draw(RandomStream& draws, const std::vector<double>& s, int absent = -1) {
     const Eigen::Index rows = first + second + private_size, n = groups * private_size + shared;
     all = MatrixXd::Zero(groups * rows, n);
     r.resize(all.rows());
@@ -125,7 +125,7 @@ double log_prior_of(double u) {
 }  // namespace
 
 TEST_CASE("evidence: with known noise it is the density of the data") {
-  Draws draws(1);
+  RandomStream draws(1);
   Toy toy;
   toy.width = (VectorXd(2) << 0.7, 3).finished();
   toy.draw(draws, {1});
@@ -135,7 +135,7 @@ TEST_CASE("evidence: with known noise it is the density of the data") {
 }
 
 TEST_CASE("evidence: one unknown and one noise factor, summed over a grid of both") {
-  Draws draws(2);
+  RandomStream draws(2);
   for (const double factor : {0.4, 1.0, 2.5}) {
     constexpr int kRows = 150;
     const VectorXd a = drawn(draws, kRows, 1);
@@ -164,7 +164,7 @@ TEST_CASE("evidence: one unknown and one noise factor, summed over a grid of bot
 }
 
 TEST_CASE("evidence: two noise factors and private unknowns, summed over a grid of factors") {
-  Draws draws(3);
+  RandomStream draws(3);
   Toy toy;
   toy.width = (VectorXd(2) << 0.7, 3).finished();
   toy.groups = 12;
@@ -194,7 +194,7 @@ TEST_CASE("evidence: two noise factors and private unknowns, summed over a grid 
 }
 
 TEST_CASE("evidence: more unknowns, one by one and together") {
-  Draws draws(4);
+  RandomStream draws(4);
   Toy toy;
   toy.shared = 4;
   toy.width = (VectorXd(4) << 0.7, 3, 0.4, 0.9).finished();
@@ -225,7 +225,7 @@ TEST_CASE("evidence: more unknowns, one by one and together") {
 }
 
 TEST_CASE("evidence: probabilities are those of what happens") {
-  Draws draws(5);
+  RandomStream draws(5);
   Toy toy;
   toy.groups = 10;
   toy.width = (VectorXd(2) << 0.8, 3).finished();
@@ -257,7 +257,7 @@ TEST_CASE("evidence: probabilities are those of what happens") {
 }
 
 TEST_CASE("evidence: data without noise") {
-  Draws draws(6);
+  RandomStream draws(6);
   Toy toy;
   toy.private_size = 0;
   toy.width = (VectorXd(2) << 0.25, 3).finished();

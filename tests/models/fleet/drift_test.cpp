@@ -13,7 +13,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "../../../models/rig/draws.h"
+#include "../../../models/rig/random_stream.h"
 
 using namespace kincal;
 
@@ -22,7 +22,7 @@ namespace {
 constexpr int kNumbers = 6;
 const double kSigma = 0.001;
 
-MatrixXd draw(Draws& draws, Eigen::Index rows, Eigen::Index columns) {
+MatrixXd draw(RandomStream& draws, Eigen::Index rows, Eigen::Index columns) {
   MatrixXd out(rows, columns);
   for (Eigen::Index i = 0; i < rows; ++i)
     for (Eigen::Index j = 0; j < columns; ++j) out(i, j) = draws.normal();
@@ -31,7 +31,7 @@ MatrixXd draw(Draws& draws, Eigen::Index rows, Eigen::Index columns) {
 
 /// Results of a robot whose numbers are `x` plus what moved(t) adds.
 template <class Moved>
-std::vector<Evidence> results(Draws& draws, int count, const Moved& moved) {
+std::vector<Evidence> results(RandomStream& draws, int count, const Moved& moved) {
   const VectorXd x = 0.01 * draw(draws, kNumbers, 1);
   std::vector<Evidence> out;
   for (int t = 0; t < count; ++t) {
@@ -56,7 +56,7 @@ const VectorXd kScale = VectorXd::Constant(kNumbers, 0.05);
 }  // namespace
 
 TEST_CASE("drift: slopes, steps and sigmas are those of the whole fit") {
-  Draws draws(1);
+  RandomStream draws(1);
   const std::vector<Evidence> all = results(draws, 5, kNothing);
   const std::vector<double> times = {50, 50.1, 50.5, 50.6, 51};
   const Drift drift = find_drift(all, times, kScale, 0.01);
@@ -84,7 +84,7 @@ TEST_CASE("drift: slopes, steps and sigmas are those of the whole fit") {
 }
 
 TEST_CASE("drift: without any, z is normal and alarms are as rare as the level says") {
-  Draws draws(2);
+  RandomStream draws(2);
   double square = 0;
   long count = 0, alarms = 0;
   const int robots = 600;
@@ -101,7 +101,7 @@ TEST_CASE("drift: without any, z is normal and alarms are as rare as the level s
 }
 
 TEST_CASE("drift: what is planted is found, and nothing else") {
-  Draws draws(4);
+  RandomStream draws(4);
   long line = 0, change = 0;
   const int robots = 50;
   for (int i = 0; i < robots; ++i) {
@@ -123,7 +123,7 @@ TEST_CASE("drift: what is planted is found, and nothing else") {
 }
 
 TEST_CASE("drift: two causes; numbers that cannot be told apart; numbers that are new every time") {
-  Draws draws(6);
+  RandomStream draws(6);
   const auto both = [](int t) {
     VectorXd x = 0.05 * t / 12.0 * VectorXd::Unit(kNumbers, 3);
     if (t >= 4) x(1) += 0.02;
@@ -151,7 +151,7 @@ TEST_CASE("drift: two causes; numbers that cannot be told apart; numbers that ar
 }
 
 TEST_CASE("drift: two results have a difference, one has nothing, and equal times no line") {
-  Draws draws(8);
+  RandomStream draws(8);
   const auto moved = [](int t) { return VectorXd(0.05 * t * VectorXd::Unit(kNumbers, 5)); };
   const std::vector<Evidence> two = results(draws, 2, moved);
   const Drift drift = find_drift(two, {50, 50.5}, kScale, 0.01);

@@ -13,7 +13,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "../../../models/rig/draws.h"
+#include "../../../models/rig/random_stream.h"
 
 using namespace kincal;
 
@@ -31,7 +31,8 @@ struct MadeFleet {
   VectorXd tolerance, scale;
 };
 
-MadeFleet make_fleet(Draws& draws, int robots, const Kind& kind, int bad = 0, double off = 0) {
+MadeFleet make_fleet(RandomStream& draws, int robots, const Kind& kind, int bad = 0,
+                     double off = 0) {
   const int n = kind.numbers;
   MadeFleet out;
   out.scale = VectorXd::Constant(n, 0.05);
@@ -75,7 +76,7 @@ TEST_CASE("fleet: of healthy robots as many are out of family as the level says"
   for (const Size& size :
        {Size{6, 8, 250}, Size{6, 20, 100}, Size{6, 100, 20}, Size{24, 12, 50}, Size{24, 60, 10}})
     for (const bool correlated : {false, true}) {
-      Draws draws(3, static_cast<std::uint64_t>(100 * size.numbers + size.robots));
+      RandomStream draws(3, static_cast<std::uint64_t>(100 * size.numbers + size.robots));
       long at_5 = 0, at_1 = 0, all = 0;
       for (int f = 0; f < size.fleets; ++f) {
         const MadeFleet fleet = make_fleet(draws, size.robots, {size.numbers, correlated});
@@ -95,7 +96,7 @@ TEST_CASE("fleet: of healthy robots as many are out of family as the level says"
 }
 
 TEST_CASE("fleet: a thousand healthy robots, within the binomial interval") {
-  Draws draws(5);
+  RandomStream draws(5);
   for (const bool correlated : {false, true}) {
     const MadeFleet fleet = make_fleet(draws, 1000, {12, correlated});
     const Family family = judge_family(fleet.robots, fleet.scale);
@@ -112,7 +113,7 @@ TEST_CASE("fleet: a thousand healthy robots, within the binomial interval") {
 }
 
 TEST_CASE("fleet: robots far out are found and named, also where they are many") {
-  Draws draws(7);
+  RandomStream draws(7);
   long found = 0, named = 0, all = 0;
   for (int f = 0; f < 20; ++f) {
     const int bad = 6;  // of 40
@@ -134,7 +135,7 @@ TEST_CASE("fleet: robots far out are found and named, also where they are many")
 }
 
 TEST_CASE("fleet: units and origin of the numbers do not matter, nor does what is left open") {
-  Draws draws(11);
+  RandomStream draws(11);
   const MadeFleet fleet = make_fleet(draws, 15, {6, true});
   const Family before = judge_family(fleet.robots, fleet.scale);
   std::vector<Evidence> moved = fleet.robots;
@@ -176,7 +177,7 @@ TEST_CASE("fleet: equations of what the data say") {
 }
 
 TEST_CASE("fleet: few robots are not judged") {
-  Draws draws(13);
+  RandomStream draws(13);
   const MadeFleet fleet = make_fleet(draws, kFewestRobots - 1, {});
   CHECK_FALSE(judge_family(fleet.robots, fleet.scale).judged);
 }

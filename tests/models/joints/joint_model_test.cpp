@@ -80,7 +80,7 @@ TEST_CASE("joint models: derivatives, and readings at positions") {
                                  random.uniform(0.8, 1.2) * (n % 2 ? 1 : -1),
                                  random.uniform(-0.1, 0.1)};
       own.resize(model->size());
-      CHECK(model->size() == 2 + static_cast<int>(model->further().size()));
+      CHECK(model->size() == 2 + static_cast<int>(model->extra_parameters().size()));
       const double q = random.uniform(-2, 2);
       const auto at = [&](double reading) {
         return VectorXd::Constant(1, model->position(reading, own.data()));

@@ -16,7 +16,7 @@ namespace {
 
 /// A range finder with a bias: r = |p| + bias - z. Its derivatives are off by what is asked for.
 struct Range {
-  static constexpr int kRows = 1, kNumbers = 1;
+  static constexpr int kRows = 1, kMeasurementSize = 1;
   double by_point = 0, by_bias = 0;
   int parameter_count() const { return 1; }
   bool residual(const double* own, const Vector3d& p, const double* z, double* r, double* d_p,

@@ -293,7 +293,7 @@ TEST_CASE("sensors tell what they are") {
   for (const Lensed& camera : kCameras) {
     const auto model = make_camera(camera.lens, static_cast<int>(camera.distortion.size()));
     CHECK(model->rows() == 2);
-    CHECK(model->numbers() == 2);
+    CHECK(model->measurement_size() == 2);
     CHECK(model->sigmas() == 2);
     CHECK(std::string(model->unit()) == "px");
     CHECK(model->measurement_kind() == MeasurementKind::rays);
@@ -305,21 +305,21 @@ TEST_CASE("sensors tell what they are") {
   }
   const auto point = make_point(), pose = make_pose(), chain = make_chain(),
              laser = make_tilting_laser();
-  CHECK((point->rows() == 3 && point->numbers() == 3 &&
+  CHECK((point->rows() == 3 && point->measurement_size() == 3 &&
          point->measurement_kind() == MeasurementKind::points && point->blocks(4) == 4));
-  CHECK((pose->rows() == 6 && pose->numbers() == 7 && pose->sigmas() == 6 &&
+  CHECK((pose->rows() == 6 && pose->measurement_size() == 7 && pose->sigmas() == 6 &&
          pose->measures_pose() && pose->blocks(9) == 1));
   CHECK(pose->measurement_kind() == MeasurementKind::pose);
   CHECK(pose->point_form() == nullptr);
-  CHECK((chain->rows() == 6 && chain->numbers() == 0 && chain->sigmas() == 6 &&
+  CHECK((chain->rows() == 6 && chain->measurement_size() == 0 && chain->sigmas() == 6 &&
          chain->measures_pose() && chain->blocks(9) == 1));
   CHECK(chain->measurement_kind() == MeasurementKind::chain);
   REQUIRE(chain->point_form());
   CHECK((chain->point_form()->rows() == 3 && chain->point_form()->sigmas() == 6 &&
          chain->point_form()->blocks(9) == 9));
   CHECK(chain->point_form()->has_own_noise());
-  CHECK((laser->rows() == 3 && laser->numbers() == 3 && laser->sigmas() == 3 && laser->scans() &&
-         laser->has_own_noise()));
+  CHECK((laser->rows() == 3 && laser->measurement_size() == 3 && laser->sigmas() == 3 &&
+         laser->scans() && laser->has_own_noise()));
   CHECK(laser->measurement_kind() == MeasurementKind::scan);
   CHECK(std::string(laser->unit()) == "m");
   CHECK_THROWS_AS(make_camera(Lens::brown_conrady, 4), std::invalid_argument);
@@ -611,7 +611,7 @@ namespace {
 
 /// Somebody's own sensor, after the recipe at the head of sensor.h: a radar's range with a bias.
 struct Radar {
-  static constexpr int kRows = 1, kNumbers = 1;
+  static constexpr int kRows = 1, kMeasurementSize = 1;
   int parameter_count() const { return 1; }
   bool residual(const double* bias, const Vector3d& p, const double* z, double* r, double* d_p,
                 double* d_own) const {
@@ -633,7 +633,7 @@ TEST_CASE("a sensor of one's own through the adapter") {
   Stage s;
   s.owner = std::make_shared<PointwiseSensor<Radar>>();
   s.model = s.owner.get();
-  CHECK((s.model->rows() == 1 && s.model->numbers() == 1 && s.model->sigmas() == 1 &&
+  CHECK((s.model->rows() == 1 && s.model->measurement_size() == 1 && s.model->sigmas() == 1 &&
          s.model->measurement_kind() == MeasurementKind::none));
   set_grid(s);
   s.parameters = {0.02};

@@ -88,14 +88,14 @@ struct Scene {
 
   Scene(const Kind& kind, int n, bool is_grid, Random& random)
       : rows(kind.model->rows()),
-        numbers(kind.model->numbers()),
+        numbers(kind.model->measurement_size()),
         count(n),
         stride(padded(n)),
         grid(is_grid),
         spacing(is_grid ? 0.037 : 1),
         own(kind.own),
         packed_points(3 * static_cast<size_t>(padded(n)), 0),
-        packed_z(static_cast<size_t>(kind.model->numbers()) * padded(n), 0) {
+        packed_z(static_cast<size_t>(kind.model->measurement_size()) * padded(n), 0) {
     const int all = n + 7;
     layout.resize(3, all);
     for (int i = 0; i < all; ++i) layout.col(i) = random.vector(0.4) / spacing;

@@ -35,7 +35,7 @@ struct Place {
       if (rig.targets[t].link < 0) (held < 0 ? held : placed) = static_cast<int>(t);
     REQUIRE((chain >= 0 && held >= 0));
     if (placed < 0) placed = held + 1000;  // the journey does not look at the rig's targets
-    Draws draws(3);
+    RandomStream draws(3);
     for (int k = 0; k < 3; ++k) {
       Stop stop;
       stop.truth.id = std::to_string(k);
@@ -99,7 +99,7 @@ TEST_CASE("journey: readings have the stop's errors and scatter of their own") {
   const Place place;
   const double scatter = 0.4;
   const Journey journey(place.rig, place.table, place.truth, place.stops, {2, 1, scatter});
-  Draws draws(5);
+  RandomStream draws(5);
   constexpr int n = 20000;
   std::vector<double> sum(place.rig.joints.size(), 0), squares = sum;
   for (int i = 0; i < n; ++i) {

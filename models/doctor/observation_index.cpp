@@ -1,4 +1,4 @@
-#include "survey.h"
+#include "observation_index.h"
 
 #include <algorithm>
 
@@ -20,8 +20,8 @@ int immobile_body(const Tree& tree, int link) {
   return link;
 }
 
-Survey make_survey(const Rig& rig, const std::vector<Sample>& samples) {
-  Survey out;
+ObservationIndex make_observation_index(const Rig& rig, const std::vector<Sample>& samples) {
+  ObservationIndex out;
   std::map<std::pair<int, int>, std::vector<int>> joints;
   for (size_t i = 0; i < samples.size(); ++i)
     for (const View& v : samples[i].views) {

@@ -25,8 +25,8 @@
 
 namespace kincal {
 
-/// A FreeZero are numbers of joints that are one with the poses at the base, or at the other ends.
-struct FreeZero {
+/// A ZeroGauge has numbers of joints that are one with the poses at the base, or at the other ends.
+struct ZeroGauge {
   bool at_base = true;                // else behind the last joints
   std::vector<std::string> numbers;   // of joints, that which matters most first
   std::string joint;                  // of the first of them
@@ -34,28 +34,28 @@ struct FreeZero {
   std::map<Component, double> sigma;  // of poses there, were all choices known
 };
 
-/// Untold is what makes poses loose and no posture tells.
-struct Untold {
-  std::vector<FreeZero> zeros;
+/// GaugeFreedoms are what makes poses loose and no posture tells.
+struct GaugeFreedoms {
+  std::vector<ZeroGauge> zeros;
   std::map<Component, std::string>
       sizes;  // by number of a pose: the size of a target that makes it loose, to be measured
 };
 
 /// Finds it for a report that has all analyses; nothing where joints and sizes are determined or
 /// held, or no pose is loose.
-Untold find_untold(const Report& report);
+GaugeFreedoms find_gauge_freedoms(const Report& report);
 /// Returns the report's own.
-const Untold& untold(const Report& report);
+const GaugeFreedoms& gauge_freedoms(const Report& report);
 
 /// Returns the sigma of a component by which to judge how well it is known, and which free zero, if
 /// any, makes it less than it seems: what it would be without. (One that is open,
 /// rig/scales.h, stays as it is: that is no choice.)
 struct JudgedSigma {
   double sigma;
-  const FreeZero* zero;  // null: as it is
+  const ZeroGauge* zero;  // null: as it is
   std::string size;  // to be measured, for it is that alone which makes the pose loose; "": none
 };
-JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_t c);
+JudgedSigma judged_sigma(const GaugeFreedoms& freedoms, const ParameterEstimate& e, size_t c);
 
 /// Returns what to do about a pose that hangs on a target's size.
 std::string measure_words(const std::string& size);

@@ -14,11 +14,11 @@
 
 namespace kincal {
 
-class Draws {
+class RandomStream {
  public:
-  explicit Draws(std::uint64_t seed) : engine_(seed) {}
+  explicit RandomStream(std::uint64_t seed) : engine_(seed) {}
   /// Starts one of many independent streams of a seed.
-  Draws(std::uint64_t seed, std::uint64_t stream)
+  RandomStream(std::uint64_t seed, std::uint64_t stream)
       : engine_(splitmix64(splitmix64(seed) + stream)) {}
 
   /// Returns 64 random bits.

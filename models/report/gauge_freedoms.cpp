@@ -1,4 +1,4 @@
-#include "free_zeros.h"
+#include "gauge_freedoms.h"
 
 #include <algorithm>
 #include <cmath>
@@ -111,8 +111,8 @@ double open_variance(const ParameterTable& table, const Component& c) {
 }
 
 /// The choices against the poses at one end.
-std::optional<FreeZero> free_zero(const Solution& solution, const Choices& now,
-                                  const std::set<int>& at_end) {
+std::optional<ZeroGauge> zero_gauge(const Solution& solution, const Choices& now,
+                                    const std::set<int>& at_end) {
   constexpr double kMatters = 0.1;  // share of a pose's variance
   const ParameterTable& table = solution.table();
   const MatrixXd& all = now.moments;
@@ -132,7 +132,7 @@ std::optional<FreeZero> free_zero(const Solution& solution, const Choices& now,
   if (shares.empty()) return std::nullopt;
   std::stable_sort(shares.begin(), shares.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
-  FreeZero out;
+  ZeroGauge out;
   const Parameter& first = table.all[now.columns[shares[0].second].parameter];
   out.joint = solution.rig().tree.joints[first.owner].name;
   out.is_zero = first.kind == ParameterKind::joint_offset;
@@ -164,7 +164,7 @@ std::map<Component, std::string> sizes_to_measure(const Solution& solution, cons
 
 }  // namespace
 
-Untold find_untold(const Report& report) {
+GaugeFreedoms find_gauge_freedoms(const Report& report) {
   const Solution& solution = report.solution;
   const Tree& tree = solution.rig().tree;
   const std::vector<Component>& columns =
@@ -182,34 +182,34 @@ Untold find_untold(const Report& report) {
   const std::set<std::string> names = undecided(report);
   Choices now = {columns, moments, choices_among(solution, columns, names)};
   for (const Eigen::Index i : now.numbers) condition(now.left, i);
-  Untold out;
+  GaugeFreedoms out;
   out.sizes = sizes_to_measure(solution, now);
   const int base = common_body(solution.rig());
-  if (auto zero = free_zero(solution, now, poses_on(solution, base)))
+  if (auto zero = zero_gauge(solution, now, poses_on(solution, base)))
     out.zeros.push_back(std::move(*zero));
   std::set<int> ends;
   for (const Joint& joint : tree.joints)
     if (joint.moves() && is_end(solution.rig(), joint.child))
       ends.merge(poses_on(solution, joint.child));
-  if (auto zero = free_zero(solution, now, ends)) {
+  if (auto zero = zero_gauge(solution, now, ends)) {
     zero->at_base = false;
     out.zeros.push_back(std::move(*zero));
   }
   return out;
 }
 
-const Untold& untold(const Report& report) {
-  static const Untold nothing;
-  return report.untold ? *report.untold : nothing;
+const GaugeFreedoms& gauge_freedoms(const Report& report) {
+  static const GaugeFreedoms nothing;
+  return report.gauge_freedoms ? *report.gauge_freedoms : nothing;
 }
 
-JudgedSigma judged_sigma(const Untold& untold, const ParameterEstimate& e, size_t c) {
+JudgedSigma judged_sigma(const GaugeFreedoms& freedoms, const ParameterEstimate& e, size_t c) {
   JudgedSigma out{e.sigma[c], nullptr, ""};
   const Component component = {e.parameter, static_cast<int>(c)};
-  if (const auto size = untold.sizes.find(component); size != untold.sizes.end())
+  if (const auto size = freedoms.sizes.find(component); size != freedoms.sizes.end())
     out.size = size->second;
   if (!(out.sigma < pose_scales(e.units[c]).open)) return out;
-  for (const FreeZero& zero : untold.zeros) {
+  for (const ZeroGauge& zero : freedoms.zeros) {
     const auto found = zero.sigma.find(component);
     if (found != zero.sigma.end() && found->second < out.sigma)
       out.sigma = found->second, out.zero = &zero;

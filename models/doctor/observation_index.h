@@ -1,5 +1,5 @@
-// The survey in which the usual mistakes are looked for, and what a hypothesis about one of them
-// is.
+// The index of observations in which the usual mistakes are looked for, and what a hypothesis about
+// one of them is.
 #pragma once
 
 #include <functional>
@@ -87,8 +87,8 @@ struct FreedNames {
   std::vector<char> whole;      // all of a pose
 };
 
-/// A Survey says which sensor sees which target, which joints matter and how they move.
-struct Survey {
+/// An ObservationIndex says which sensor sees which target, which joints matter and how they move.
+struct ObservationIndex {
   std::set<std::pair<int, int>> pairs;  // (sensor, target) with a view
   std::set<int> sensors, targets;
   std::map<int, std::pair<double, double>>
@@ -102,7 +102,7 @@ struct Survey {
 /// (floating and planar joints stand still here).
 int immobile_body(const Tree& tree, int link);
 
-/// Makes the survey of these samples.
-Survey make_survey(const Rig& rig, const std::vector<Sample>& samples);
+/// Makes the index of these samples.
+ObservationIndex make_observation_index(const Rig& rig, const std::vector<Sample>& samples);
 
 }  // namespace kincal

@@ -11,8 +11,8 @@
 
 namespace kincal {
 
-/// A Case is one of what a warning is about: how bad it is orders them.
-struct Case {
+/// A WarningItem is one of what a warning is about: how bad it is orders them.
+struct WarningItem {
   Subject what;
   std::string text;
   double size = 0;
@@ -21,12 +21,12 @@ struct Case {
 /// Makes one warning of all cases, of which there is at least one: of one case in its own words; of
 /// several how many there are, `plural` says of what ("parameters are more than 3 sigmas from their
 /// priors"), the worst one's words and the names of the next.
-inline Notice notice_of(NoticeKind kind, const std::string& plural, std::vector<Case> cases,
+inline Notice notice_of(NoticeKind kind, const std::string& plural, std::vector<WarningItem> cases,
                         std::string why = "", std::string cure = "") {
   std::stable_sort(cases.begin(), cases.end(),
-                   [](const Case& a, const Case& b) { return a.size > b.size; });
+                   [](const WarningItem& a, const WarningItem& b) { return a.size > b.size; });
   Subjects where;
-  for (const Case& c : cases) where.push_back(c.what);
+  for (const WarningItem& c : cases) where.push_back(c.what);
   std::string what = cases[0].text;
   if (cases.size() > 1)
     what = std::to_string(cases.size()) + " " + plural + ", worst " + what + "; then " +
@@ -35,7 +35,7 @@ inline Notice notice_of(NoticeKind kind, const std::string& plural, std::vector<
 }
 
 /// As notice_of(), of any number of cases.
-inline void warn(NoticeKind kind, const std::string& plural, std::vector<Case> cases,
+inline void warn(NoticeKind kind, const std::string& plural, std::vector<WarningItem> cases,
                  std::string cure, Notices& out) {
   if (!cases.empty()) out.push_back(notice_of(kind, plural, std::move(cases), "", std::move(cure)));
 }
