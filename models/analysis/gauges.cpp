@@ -106,8 +106,8 @@ int common_body(const Rig& rig) {
 
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses) {
-  constexpr double kNone = 1e-4;             // of the motions by each component
-  constexpr double kTakesPart = 0.2;         // of the largest component of a direction
+  constexpr double kNone = 1e-4;                        // of the motions by each component
+  constexpr double kTakesPart = 0.2;                    // of the largest component of a direction
   constexpr double kGiven = 4, kTarget = 2, kSame = 2;  // preferred, in shares of a direction
   std::vector<Component> columns;
   for (const Freed& pose : poses)

@@ -50,9 +50,9 @@ struct WidthGroup {
 };
 
 struct AutomaticGroups {
-  std::vector<Freed> mounts;    // whole poses
-  std::vector<Freed> pointing;  // of these, components that are fixed: no measurement depends on
-                                // them
+  std::vector<Freed> mounts;       // whole poses
+  std::vector<Freed> pointing;     // of these, components that are fixed: no measurement depends on
+                                   // them
   std::map<int, Vector3d> pivots;  // by pose that is fixed in rotation: the single point in its
                                    // frame that is seen there
   std::vector<WidthGroup> groups;

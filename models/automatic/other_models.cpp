@@ -11,7 +11,7 @@
 namespace kincal {
 namespace {
 
-constexpr int kRounds = 60, kFits = 3;  // of widths; of a factor in common
+constexpr int kLearnRounds = 60, kFits = 3;  // of widths; of a factor in common
 
 constexpr double kTold = 5;       // sigmas of a length that may be wrong alone
 constexpr double kOwnWidth = 10;  // times the starting width, to begin with
@@ -83,7 +83,7 @@ std::optional<OtherModel> common_factor(const Recording& recording, const FitWid
     m += (above - below) / (2 * kStep * curvature);
     if (!(std::abs(m) < kMost)) return std::nullopt;  // what is that wrong is another mistake
     out.sigma = 1 / std::sqrt(curvature);
-    const Widths learned = learn_widths(with(m), factor, kRounds);
+    const Widths learned = learn_widths(with(m), factor, kLearnRounds);
     if (!learned.defined) return std::nullopt;
     factor = learned.factor;
   }
@@ -132,7 +132,7 @@ Widths learn_with_own_width(WidthProblem& problem, Eigen::Index number, const Wi
   problem.group[number] = problem.groups++;
   VectorXd factor(problem.groups);
   factor << widths.factor, kOwnWidth;
-  return learn_widths(problem, factor, kRounds);
+  return learn_widths(problem, factor, kLearnRounds);
 }
 
 OtherModel one_length(const Recording& recording, const Component& length, double gain) {
@@ -182,7 +182,7 @@ std::optional<OtherModel> length_for_sizes(const Recording& recording, const Fit
   roughly.value = with_sizes_held(widths.posterior, sizes);
   const Eigen::Index largest = largest_length(recording, held, roughly, 0, -1);
   if (largest < 0 || std::abs(roughly.value(largest)) < kRoughly * least) return std::nullopt;
-  Widths found = learn_widths(held.problem, widths.factor, kRounds);
+  Widths found = learn_widths(held.problem, widths.factor, kLearnRounds);
   if (!found.defined) return std::nullopt;
   const Eigen::Index length = largest_length(recording, held, found.posterior, kTold, -1);
   if (length < 0) return std::nullopt;
@@ -220,7 +220,7 @@ void add_priors(const Recording& recording, const FitWidths& at, const Widths& w
   VectorXd as_stated = VectorXd::Ones(problem.groups), wide = as_stated;
   as_stated.head(first) = widths.factor;
   wide.tail(problem.groups - first).setConstant(kOwnWidth);
-  const Widths found = learn_widths(problem, wide, kRounds);
+  const Widths found = learn_widths(problem, wide, kLearnRounds);
   if (!found.defined) return;
   const double gain = log_evidence(problem, found.factor) - log_evidence(problem, as_stated);
   for (size_t k = 0; k < stated.size(); ++k) {

@@ -100,8 +100,8 @@ std::vector<double> scores(const Linearisation& at,
 double reference_width(const ParameterTable& table, const Component& component,
                        const VectorXd& values);
 
-/// An Alternative is another model of the data, as what a mistake undone makes of them, and its odds
-/// against the data as they are, those beforehand counted.
+/// An Alternative is another model of the data, as what a mistake undone makes of them, and its
+/// odds against the data as they are, those beforehand counted.
 struct Alternative {
   NoticeKind kind = NoticeKind::square;
   Subjects where;

@@ -23,9 +23,10 @@ struct Row {
 
 constexpr unsigned kMistake = kTested | kSpoils;
 
+const std::vector<NK> kOfImages = {NK::points_outside, NK::baseline};
+
 /// The one table of kinds, in the order of NoticeKind.
 const std::vector<Row>& rows() {
-  static const std::vector<NK> kOfImages = {NK::points_outside, NK::baseline};
   static const std::vector<Row> out = {
       {NK::square, "square", Severity::doubt, kMistake | kNumber},
       {NK::rows_columns, "rows-columns", Severity::doubt, kMistake, {NK::numbering}},

@@ -1,6 +1,6 @@
-// A length of the arm that is wrong in the URDF, hidden by the size of a board: a size that came out
-// as another and the lengths of an arm have one scale, so a length of the URDF that is wrong looks
-// like a board that is (automatic/other_models.h).
+// A length of the arm that is wrong in the URDF, hidden by the size of a board: a size that came
+// out as another and the lengths of an arm have one scale, so a length of the URDF that is wrong
+// looks like a board that is (automatic/other_models.h).
 #pragma once
 
 #include <set>
