@@ -301,12 +301,12 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   fit_options.solver.threads = options.threads;
   fit_options.solver.linear_solver = options.linear_solver;
   fit_options.solver.relative_decrease = 1e-7;
-  const Progress progress = fit_options.solver.progress = options.progress.in("widths");
+  fit_options.solver.progress = options.progress.in("widths");
   VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
   bool settled = false;
   for (int pass = 0;; ++pass) {
     const Recording& recording = *out.recording;
-    progress.stage("round " + std::to_string(pass + 1));
+    options.progress.stage("widths, round " + std::to_string(pass + 1));
     setup.priors = plan.priors;
     for (Prior& prior : setup.priors) {
       const auto found = members.find({prior.parameter, prior.component});
