@@ -1,10 +1,10 @@
-// How far long work is, and how it is cancelled.
+// Progress of long work, and its cancellation.
 //
-// Whoever starts such work may listen: the listener is told what is done and how far it is, and
-// cancels by returning false. Then Cancelled is thrown, wherever the work stands, and passes to the
-// function that was called: solve() of the solver and the calibrations, trials and studies of
-// models/ catch it and return what they document (Outcome::cancelled, Status::cancelled, nullopt).
-// Inside, uncancelled() throws it again where one of these was called for a part of the work.
+// A caller may pass a listener. It is called with the current stage and its share, and cancels by
+// returning false: Cancelled is thrown there. The public functions (solve() of the solver, the
+// calibrations, trials and studies of models/) catch it and return their documented result
+// (Outcome::cancelled, Status::cancelled, nullopt). Where one of them runs as a part of other work,
+// uncancelled() throws Cancelled again.
 #pragma once
 
 #include <functional>

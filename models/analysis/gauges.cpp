@@ -106,6 +106,7 @@ int common_body(const Rig& rig) {
 
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses) {
+  constexpr double kRounding = 1e-10;                   // of the largest motion
   constexpr double kNone = 1e-4;                        // of the motions by each component
   constexpr double kTakesPart = 0.2;                    // of the largest component of a direction
   constexpr double kGiven = 4, kTarget = 2, kSame = 2;  // preferred, in shares of a direction
@@ -115,7 +116,11 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
   if (columns.empty()) return {};
   const MatrixXd all = squared_motions(recording, shared, columns);
   const auto n = static_cast<Eigen::Index>(columns.size());
-  const VectorXd scale = (all.diagonal().array() > 0).select(all.diagonal().array().rsqrt(), 1);
+  // (A component that moves nothing moves it by rounding.)
+  const double rounding = std::pow(kRounding, 2) * all.diagonal().maxCoeff();
+  VectorXd scale = VectorXd::Zero(n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    if (all(i, i) > rounding) scale(i) = 1 / std::sqrt(all(i, i));
   const SymmetricEigen eigen = symmetric_eigen(scale.asDiagonal() * all * scale.asDiagonal());
   Eigen::Index count = 0;
   while (count < n && eigen.values(count) < kNone * kNone) ++count;

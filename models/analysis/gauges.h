@@ -26,9 +26,9 @@ int common_body(const Rig& rig);
 
 /// A Gauge is such a direction.
 struct Gauge {
-  Component fixed;              // decides it; of a pose that the rig gives, if one takes part,
-                                // and of as few poses as may be
-  bool given = false;           // that is so
+  Component fixed;              // of a pose that the rig gives, if one takes part; gauges fix
+                                // components of as few poses as possible
+  bool given = false;           // the rig gives that pose
   std::vector<Component> with;  // move along with it, that which moves most first
 };
 /// Returns the gauges among components of poses at these values.

@@ -74,8 +74,8 @@ Turned turned_flange(const Recording& recording, int flange) {
           turns_of(rotations)};
 }
 
-/// Of sensors against the mounted targets that they see, in the samples' postures or in these;
-/// `what` is empty where that is not all that is seen.
+/// Of sensors against the mounted targets that they see, in the samples' postures or in the given
+/// ones; `what` is empty where a view shows something else.
 Turned turned_sensor(const Recording& recording, const std::vector<Readings>& postures = {}) {
   const Rig& rig = recording.rig;
   std::map<std::pair<int, int>, std::vector<Matrix3d>> pairs;

@@ -29,15 +29,15 @@ bool is_pair(const Rig& rig, int a, int b) {
 
 namespace {
 
-/// How points spread: their moments.
+/// How points spread: their moments, and what their noise adds to these.
 struct PointSpread {
-  double count = 0, sigma = 0;  // sigma: the largest of a coordinate, m
+  double count = 0, noise = 0;  // noise: sum of variances of the least certain coordinate, m^2
   Vector3d sum = Vector3d::Zero();
   Matrix3d squares = Matrix3d::Zero();
 
-  void add(const Vector3d& p, double noise) {
+  void add(const Vector3d& p, double sigma) {
     ++count;
-    sigma = std::max(sigma, noise);
+    noise += sigma * sigma;
     sum += p;
     squares += p * p.transpose();
   }
@@ -111,8 +111,9 @@ int GroupMaker::shared_joint(size_t sensor, const std::vector<size_t>& others) c
 }
 
 /// Fixes the rotations of a mount that move none of the points seen, in the frame of `pose`, which
-/// it carries: about a single point all, about a line the one about it. A mount that two things
-/// share turns one about the other.
+/// it carries: about a single point all, about a line the one about it. Points spread no further
+/// than that where twice their noise explains it: beyond, the rotation is estimated. A mount that
+/// two things share turns one about the other.
 void GroupMaker::fix_rotations(int mount, int pose, const PointSpread& seen) {
   const auto shares = std::count(table_.sensor_mount.begin(), table_.sensor_mount.end(), mount) +
                       std::count(table_.target_mount.begin(), table_.target_mount.end(), mount);
@@ -120,7 +121,7 @@ void GroupMaker::fix_rotations(int mount, int pose, const PointSpread& seen) {
   const Vector3d mean = seen.sum / seen.count;
   const SymmetricEigen spread =
       symmetric_eigen(Matrix3d(seen.squares / seen.count - mean * mean.transpose()));
-  const double none = std::pow(10 * seen.sigma, 2) + 1e-12 * seen.squares.trace() / seen.count;
+  const double none = (2 * seen.noise + 1e-12 * seen.squares.trace()) / seen.count;
   if (!(spread.values(2) > none)) {
     out_.pointing.push_back({mount, {3, 4, 5}});
     if (mount == pose) out_.pivots[pose] = mean;
@@ -144,7 +145,9 @@ void GroupMaker::make_mounts() {
       if (model.measurement_kind() == MeasurementKind::points)
         for (size_t k = 0; k + 3 <= v.z.size(); k += 3)
           measured[v.sensor].add(Eigen::Map<const Vector3d>(&v.z[k]),
-                                 v.covariance.empty() ? v.sigma[k % v.sigma.size()] : 0);
+                                 v.covariance.empty()
+                                     ? *std::max_element(v.sigma.begin(), v.sigma.end())
+                                     : std::sqrt(v.covariance[k / 3].diagonal().maxCoeff()));
       for (const int k : view_ids(v, rig_.targets[v.target]))
         seen[v.target].add(points[v.target].col(k), 0);
       if (model.measures_pose()) turned[v.target] = 1;

@@ -3,7 +3,7 @@
 // Mounts. Poses of sensors and mounted targets, free without a prior: everything else is measured
 // from them. Where the rig names a fixed joint as the mount, its origin is free in place of the
 // pose. Two cameras of a rectified pair share one mount, the fixed joint above their link.
-// Rotations that move nothing seen are fixed: of a target of one point or points on a line, and of
+// Rotations that move no point seen are fixed: of a target of one point or points on a line, and of
 // a sensor that measures points at one place of its own frame only.
 //
 // Groups. Numbers of one kind, of which nothing is known but how far such numbers are usually off:

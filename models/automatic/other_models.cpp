@@ -81,7 +81,7 @@ std::optional<OtherModel> common_factor(const Recording& recording, const FitWid
     const double curvature = (2 * here - below - above) / (kStep * kStep);
     if (!(curvature > 0)) return std::nullopt;
     m += (above - below) / (2 * kStep * curvature);
-    if (!(std::abs(m) < kMost)) return std::nullopt;  // what is that wrong is another mistake
+    if (!(std::abs(m) < kMost)) return std::nullopt;  // so large an error is another mistake
     out.sigma = 1 / std::sqrt(curvature);
     const Widths learned = learn_widths(with(m), factor, kLearnRounds);
     if (!learned.defined) return std::nullopt;
@@ -97,8 +97,8 @@ bool is_size(const Parameter& p) {
   return p.kind == ParameterKind::square || p.kind == ParameterKind::baseline;
 }
 
-/// The unknown of the largest length but those of joint `owner`; -1: there is none. Only what the
-/// data tell by `told` sigmas.
+/// The unknown of the largest length that is not of joint `owner` and is `told` sigmas off; -1:
+/// there is none.
 Eigen::Index largest_length(const Recording& recording, const FitWidths& of, const Posterior& at,
                             double told, int owner) {
   Eigen::Index largest = -1;
@@ -113,7 +113,7 @@ Eigen::Index largest_length(const Recording& recording, const FitWidths& of, con
   return largest;
 }
 
-/// The values with the sizes put to what the rig has, at the same widths.
+/// The values with the sizes fixed at the rig's values, at the same widths.
 VectorXd with_sizes_held(const Posterior& at, const std::vector<Eigen::Index>& sizes) {
   const auto n = static_cast<Eigen::Index>(sizes.size());
   MatrixXd across(at.value.size(), n), between(n, n);
@@ -155,9 +155,9 @@ std::optional<OtherModel> length_besides(const Recording& recording, const FitWi
                     log_evidence(alone, found.factor) - log_evidence(at.problem, widths.factor));
 }
 
-/// The length that may be wrong in place of the sizes that came out as others by more than three
-/// sigmas: with these as the rig has them it is off by as much as a mistake is at least
-/// (rig/scales.h), and by 2.5 times as much as any length of another joint.
+/// The length that may be wrong in place of sizes whose estimates are more than three sigmas from
+/// the rig's values. With the sizes fixed there, its error is at least that of a mistake
+/// (rig/scales.h), and 2.5 times that of any length of another joint.
 std::optional<OtherModel> length_for_sizes(const Recording& recording, const FitWidths& at,
                                            const Widths& widths) {
   constexpr double kOtherSize = 3;          // sigmas

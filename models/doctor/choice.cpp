@@ -102,6 +102,7 @@ bool has_collapsed(const Trial& t) {
   });
 }
 
+/// The recording without the mistake.
 Recording undone(const Recording& recording, const Hypothesis& h) {
   const Recording out = h.undo(recording);
   if (h.ignored_joint < 0) return out;

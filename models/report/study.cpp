@@ -488,7 +488,8 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
   } else if (options.diagnose && !report.diagnosis && takes_up_a_mistake(report)) {
     look_for_what_was_taken_up(recording->rig, options, report);
   }
-  if (options.diagnose && !badly && !report.automatic.empty())  // (else its numbers say nothing)
+  // (Lengths of a rig that was calibrated before count from its nominal values, not the URDF's.)
+  if (options.diagnose && !badly && recording->rig.nominal.empty())
     find_wrong_length(mistaken_numbers(report, kLooksResized), report);
   if (options.diagnose && solution.status == Status::converged && !report.diagnosis) {
     Notices other = not_as_given(solution, report.residuals);

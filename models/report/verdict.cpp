@@ -100,8 +100,8 @@ std::vector<std::string> undetermined_by_data(const std::vector<AutomaticGroup>&
   return out;
 }
 
-/// What is not determined although everything converged: what an earlier step freed, but for
-/// gauges that were fixed after it, or a frame.
+/// Undetermined parameters and frames of a calibration that converged: parameters that an earlier
+/// step freed, without gauges that were fixed after it.
 std::vector<std::string> undetermined(const Report& report) {
   std::vector<std::string> out;
   for (const ParameterEstimate& e : report.solution.parameters)

@@ -1,6 +1,5 @@
-// A length of the arm that is wrong in the URDF, hidden by the size of a board: a size that came
-// out as another and the lengths of an arm have one scale, so a length of the URDF that is wrong
-// looks like a board that is (automatic/other_models.h).
+// A length of the arm that is wrong in the URDF, hidden by the size of a board: both have one
+// scale, so that a wrong length looks like a board of another size (automatic/other_models.h).
 #pragma once
 
 #include <set>
@@ -10,9 +9,9 @@
 
 namespace kincal {
 
-/// Puts the finding `link-length` first where one length of the arm explains the data as well as
-/// sizes that came out as others, in place of findings about these. `sizes` are those that moved
-/// far.
+/// Puts the finding `link-length` first, in place of findings about sizes, where one length of the
+/// arm explains the data as well as changed sizes. `sizes` are those whose estimates are far from
+/// the rig's values.
 void find_wrong_length(std::set<std::string> sizes, Report& report);
 
 }  // namespace kincal

@@ -85,6 +85,47 @@ TEST_CASE("gauges: none of other axes, near and far; three where all slides") {
   CHECK(gauges_of(recorded({kX, kY, kZ}, JointType::prismatic)).size() >= 3);
 }
 
+TEST_CASE("gauges: the common pose of two cameras that see free boards only") {
+  Rig rig;
+  add_link(rig, "base");
+  add_joint(rig, JointType::revolute, "pan", "base", "head", kZ, at({0.1, 0.2, 0.9}));
+  add_joint(rig, JointType::fixed, "mount", "head", "frame", kZ,
+            at({0.03, -0.02, 0.07}, {0, 1, 0}));
+  finish_tree(rig.tree);
+  add_camera(rig, "left", "frame", at({0.013, 0.07, 0.021}, {0.1, 0.2, 0.3}));
+  add_camera(rig, "right", "frame", at({-0.017, -0.05, 0.011}, {-0.2, 0.1, 0.4}));
+  add_grid(rig, "board", 5, 6, 0.04, "", Pose());
+  Sample sample;
+  sample.readings.assign(rig.tree.joints.size(), 0.1);
+  for (const int camera : {0, 1}) {
+    View view;
+    view.sensor = camera;
+    view.target = 0;
+    view.ids = std::vector<int>{0};
+    view.z = {100, 100};
+    view.sigma = rig.sensors[camera].sigma;
+    sample.views.push_back(view);
+  }
+  const Recording recording(std::move(rig), {sample});
+  const auto gauges = [&](const std::vector<std::string>& names) {
+    std::vector<Freed> poses;
+    for (const std::string& name : names) merge(poses, recording.table.select(name));
+    return find_gauges(recording, recording.table.initial, poses);
+  };
+  SECTION("one of the poses is fixed whole") {
+    const std::vector<Gauge> both = gauges({"sensor/left/pose", "sensor/right/pose"});
+    REQUIRE(both.size() == 6);
+    for (const Gauge& g : both) CHECK(g.fixed.parameter == both[0].fixed.parameter);
+    CHECK(gauges({"sensor/left/pose"}).empty());
+  }
+  SECTION("what carries both moves nothing, but for rounding") {
+    const std::vector<Gauge> carrier = gauges({"joint/mount/origin"});
+    CHECK(carrier.size() == 6);
+    for (const Gauge& g : carrier) CHECK(g.with.empty());
+    CHECK(gauges({"joint/mount/origin", "sensor/right/pose"}).size() == 6);
+  }
+}
+
 TEST_CASE("gauges: what everything measured stands behind") {
   const Recording plain = recorded({kZ, kY}, JointType::revolute),
                   torso = recorded({kZ, kY}, JointType::revolute, 1, true);

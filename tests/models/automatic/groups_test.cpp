@@ -467,6 +467,15 @@ TEST_CASE("groups: what nothing can turn") {
     CHECK((beside.pivots.begin()->second - Vector3d::Constant(0.1)).norm() < 1e-12);
     const Recording elsewhere(rig, seen(rig, 0.1, 1));
     CHECK(names(elsewhere, make_groups(elsewhere, {}).pointing).size() == 1);  // along a line
+    // Noise is no spread; a spread of three sigmas tells the rotation.
+    for (const auto& [sigmas, fixed] : {std::pair(1.0, 3), std::pair(3.0, 0)}) {
+      std::vector<Sample> samples = seen(rig, 0);
+      int k = 0;
+      for (Sample& sample : samples)
+        for (double& z : sample.views[0].z) z += sigmas * 1e-4 * std::cos(7 * k * k + 3 * k), ++k;
+      const Recording noisy(rig, samples);
+      CHECK(names(noisy, make_groups(noisy, {}).pointing).size() == static_cast<size_t>(fixed));
+    }
   }
 }
 
