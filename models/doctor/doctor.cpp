@@ -240,6 +240,33 @@ void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
 
 // ------------------------------------------------------------------------------------------------
 // search
+/// Adds the proof to joints that never move in the log but did; true if there is one. Such a joint
+/// can look like many things: it goes first, and then nothing else can be concluded. (Its
+/// hypothesis cannot decide that: without its readings the fit of many samples ends in some local
+/// minimum.)
+bool prove_still_joints(const Recording& recording, const TrialContext& context,
+                        const TrialFit& now, std::vector<Notice>& findings) {
+  bool found = false;
+  for (Notice& f : findings) {
+    if (f.kind != NoticeKind::still_joint || good(now)) continue;
+    context.progress.share(0);
+    Rig rig = recording.rig;
+    rig.joints[rig.tree.find_joint(f.where[0].name)].sigma = 1;
+    const TrialFit unknown =
+        best_fit(recording.with_rig(std::move(rig)), context, context.all, {100, 1e-6});
+    if (!unknown.complete() || (now.complete() && now.cost < Thresholds::decisive * unknown.cost))
+      continue;
+    found = true;
+    if (now.complete()) f.chi2_as_is = now.chi2;
+    f.chi2_corrected = unknown.chi2;
+    f.why = "it did move: " +
+            (now.complete() ? text("chi2 is %.6g as it is", now.chi2)
+                            : "the fit cannot even start as it is") +
+            text(" and %.6g with its readings unknown", unknown.chi2);
+  }
+  return found;
+}
+
 /// What the verdict is about.
 struct Outcomes {
   FailureMode failure;  // the calibration that was diagnosed
@@ -247,7 +274,7 @@ struct Outcomes {
   bool data_findings;           // some mistake shows in the data alone
   bool wrong_numbers;           // numbers among them that nobody can mean
   bool fit_findings;            // some mistake was found by fits
-  bool still_joint;             // a joint that moved without its readings
+  bool still_joint;             // one of the former explains the fit
   bool changed;                 // two parts of the data contradict each other
   const std::string& readings;  // what errors of the joint readings would explain
 };
@@ -413,18 +440,19 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
   if (as_is.complete()) out.chi2 = as_is.chi2;
   out.dof = as_is.dof;
   const double at_first = as_is.per_dof();
+  const bool still_joint = prove_still_joints(*recording, context, as_is, by_data);
   const State as_given = {recording, recording, std::move(context), std::move(as_is), {}};
   State state = as_given;
   const auto hopeless = [&] { return !(state.now.per_dof() < Thresholds::hopeless); };
-  // (A joint that moved without its readings can look like many things: nothing else is concluded.)
-  bool still_joint = false;
+  const auto found_still_joint = [&] {
+    return !state.findings.empty() && state.findings.back().kind == NoticeKind::still_joint;
+  };
   // (Where the parameters of a fit lie that explains nothing says nothing.)
   const auto to_explain = [&] { return !good(state.now) || state.now.farthest() > 1; };
   for (int round = 0; round < Thresholds::rounds && to_explain() && !still_joint; ++round) {
     const bool explained = explain(state);
     if (state.context.tried) out.alternatives = *std::exchange(state.context.tried, nullptr);
-    if (!explained) break;
-    still_joint = state.findings.back().kind == NoticeKind::still_joint;
+    if (!explained || found_still_joint()) break;
   }
   if (!still_joint && hopeless()) {
     // What leaves more than any noise may have been believed in place of two others.

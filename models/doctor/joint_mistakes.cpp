@@ -20,7 +20,7 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples,
     const int j = range.first;
     const Joint& joint = rig.tree.joints[j];
     const double low = range.second.first, high = range.second.second;
-    if (high - low > std::max(1e-6, 3 * rig.joints[j].sigma)) {
+    if (high - low > 1e-9) {
       Hypothesis h;
       h.kind = NoticeKind::joint_sign;
       h.where = {Subject::joint(joint.name)};

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "../../solver/decompositions.h"
+#include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
@@ -449,14 +450,20 @@ void add_mirrored_points(const Rig& rig, const ObservationIndex& observations,
 void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out) {
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     if (rig.targets[t].link >= 0) continue;
-    std::set<int> sensors;  // that see it together with others
+    std::map<int, std::set<int>> bodies;  // by body: sensors that see it together
     for (const Sample& sample : samples) {
-      std::set<int> here;
+      std::map<int, std::set<int>> here;
       for (const View& v : sample.views)
-        if (v.target == static_cast<int>(t)) here.insert(v.sensor);
-      if (here.size() > 1) sensors.merge(here);
+        if (v.target == static_cast<int>(t))
+          here[body_of(rig.tree, rig.sensors[v.sensor].link)].insert(v.sensor);
+      for (auto& [body, together] : here)
+        if (together.size() > 1) bodies[body].merge(together);
     }
-    if (sensors.size() == 2) sensors.erase(sensors.begin());  // the same to both
+    std::set<int> sensors;
+    for (auto& [body, together] : bodies) {
+      if (together.size() == 2) together.erase(together.begin());  // either would do
+      sensors.merge(together);
+    }
     for (const int s : sensors) {
       const std::string sensor = quoted(rig.sensors[s].name), target = quoted(rig.targets[t].name);
       Hypothesis h;
@@ -464,7 +471,7 @@ void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
       h.many = true;
       h.where = {Subject::sensor(rig.sensors[s].name), Subject::target(rig.targets[t].name)};
       h.mistake = "the views of sensor " + sensor + " show target " + target +
-                  " elsewhere than the other sensors' views in the same samples";
+                  " elsewhere than the other views from the same body in the same samples";
       h.cure =
           "a sample is to be one moment: see whether this sensor's views are in another order, or "
           "late; if it sees another object, give that an entry of its own in targets";

@@ -31,8 +31,9 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples,
 void add_mirrored_points(const Rig& rig, const ObservationIndex& observations,
                          std::vector<Hypothesis>& out);
 
-/// Adds views of a sensor that show a free target elsewhere than the views of other sensors in the
-/// same samples: of another moment, or of another object.
+/// Adds views of a sensor that show a free target elsewhere than the views of other sensors on the
+/// same body in the same samples: of another moment, or of another object. (Between bodies joints
+/// may be the reason.)
 void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<Hypothesis>& out);
 
 /// Finds by fits the mounted target, and the sample of those that follow each other in time, from
