@@ -44,6 +44,11 @@ class RigIds {
     return -1;
   }
 
+  bool is_named(int sensor, const std::string& id) const {
+    const std::string& name = rig_.rig.sensors[sensor].name;
+    return name == id || given_topic(rig_, name) == id;
+  }
+
   int target(const std::string& id, std::set<std::string>& notes) const {
     const std::vector<Target>& all = rig_.rig.targets;
     std::vector<std::string> valid;
@@ -70,13 +75,13 @@ struct MeasurementReader {
 
   explicit MeasurementReader(const RigFile& of) : rig(of), ids(of) {}
 
-  void readings(const MessageValue& chain, Sample& sample) {
-    const auto& names = list_of(field(chain, "chain_state.name"));
-    const NumberArray positions = numbers_of(field(chain, "chain_state.position"));
+  /// Takes the readings of a sensor_msgs/JointState.
+  void readings(const MessageValue& state, const std::string& of, Sample& sample) {
+    const auto& names = list_of(field(state, "name"));
+    const NumberArray positions = numbers_of(field(state, "position"));
     if (names.size() != positions.size())
-      throw Damage("chain '" + std::string(text_of(field(chain, "chain_id"))) + "' has " +
-                   std::to_string(names.size()) + " names and " + std::to_string(positions.size()) +
-                   " positions");
+      throw Damage(of + " has " + std::to_string(names.size()) + " names and " +
+                   std::to_string(positions.size()) + " positions");
     for (size_t i = 0; i < names.size(); ++i) {
       const std::string name(text_of(names[i]));
       const int joint = rig.rig.tree.find_joint(name);
@@ -154,11 +159,64 @@ struct MeasurementReader {
     }
   }
 
+  void chain(int sensor, int target, Sample& sample) {
+    View view;
+    view.sensor = sensor;
+    view.target = target;
+    view.sigma = rig.rig.sensors[sensor].sigma;
+    sample.views.push_back(view);
+  }
+
+  /// What an observation of CalibrationData has: points in the frame of a sensor (of a camera also
+  /// through the lens that stands beside them), or those of the target, of an arm that holds it.
+  void observation(const MessageValue& one, Sample& sample) {
+    const std::string id(text_of(field(one, "sensor_name")));
+    const auto& features = list_of(field(one, "features"));
+    const int target = ids.target("", notes);
+    if (features.empty() || target < 0) return;
+    if (const int arm = ids.sensor(id, "chain", notes); arm >= 0 && ids.is_named(arm, id))
+      return chain(arm, target, sample);
+    const int point = ids.sensor(id, "point", notes);
+    const int sensor =
+        point >= 0 && ids.is_named(point, id) ? point : ids.sensor(id, "camera", notes);
+    if (sensor < 0 || !ids.is_named(sensor, id)) return;
+    View* view = add_view(sample, sensor, target, features.size());
+    if (!view) return;
+    NumberArray k;
+    if (sensor != point) k = numbers_of(field(one, "ext_camera_info.camera_info.K"));
+    if (sensor != point && k.size() != 9) throw Damage("camera_info.K has not nine numbers");
+    for (const MessageValue& feature : features) {
+      const double x = number_of(field(feature, "point.x")),
+                   y = number_of(field(feature, "point.y")),
+                   z = number_of(field(feature, "point.z"));
+      if (sensor == point)
+        view->z.insert(view->z.end(), {x, y, z});
+      else
+        view->z.insert(view->z.end(), {k[0] * x / z + k[2], k[4] * y / z + k[5]});
+    }
+    check_numbers(sample);
+  }
+
+  /// A robot_calibration_msgs/CalibrationData.
+  void calibration_data(const MessageValue& value, std::int64_t received) {
+    Sample sample;
+    sample.id = "sample_" + std::to_string(out.samples.size() + 1);
+    sample.readings.assign(rig.rig.tree.joints.size(), kNan);
+    readings(field(value, "joint_states"), "joint_states", sample);
+    const std::int64_t stamp = nanoseconds_of(field(value, "joint_states.header.stamp"));
+    sample.time = static_cast<double>(stamp != 0 ? stamp : received) * 1e-9;
+    for (const MessageValue& one : list_of(field(value, "observations"))) observation(one, sample);
+    if (sample.views.empty())
+      notes.insert("sample '" + sample.id + "': no observation is of a sensor of the rig");
+    out.samples.push_back(std::move(sample));
+  }
+
   void message(const BagMessage& raw) {
     if (!types.count(raw.topic))
       types[raw.topic] = read_definition(raw.topic->type, raw.topic->definition);
     const MessageValue value = decode_message(
         types[raw.topic], raw.topic->encoding == "cdr" ? Wire::cdr : Wire::ros1, raw.data);
+    if (raw.topic->type == kCalibrationData) return calibration_data(value, raw.received);
     Sample sample;
     sample.id = std::string(text_of(field(value, "sample_id")));
     if (!is_utf8(sample.id)) {
@@ -168,19 +226,15 @@ struct MeasurementReader {
     }
     sample.readings.assign(rig.rig.tree.joints.size(), kNan);
     const int target = ids.target(std::string(text_of(field(value, "target_id"))), notes);
-    for (const MessageValue& chain : list_of(field(value, "M_chain"))) readings(chain, sample);
+    for (const MessageValue& one : list_of(field(value, "M_chain")))
+      readings(field(one, "chain_state"),
+               "chain '" + std::string(text_of(field(one, "chain_id"))) + "'", sample);
     if (target >= 0) {
       cameras(value, target, sample);
       lasers(value, target, sample);
       const std::string arm(text_of(field(value, "chain_id")));
-      const int chain = arm.empty() ? -1 : ids.sensor(arm, "chain", notes);
-      if (chain >= 0) {
-        View view;
-        view.sensor = chain;
-        view.target = target;
-        view.sigma = rig.rig.sensors[chain].sigma;
-        sample.views.push_back(view);
-      }
+      if (const int sensor = arm.empty() ? -1 : ids.sensor(arm, "chain", notes); sensor >= 0)
+        chain(sensor, target, sample);
     }
     if (!sample.time) sample.time = static_cast<double>(raw.received) * 1e-9;
     out.samples.push_back(std::move(sample));
@@ -188,6 +242,10 @@ struct MeasurementReader {
 };
 
 }  // namespace
+
+bool is_whole_posture(const std::string& type) {
+  return type == kRobotMeasurement || type == kCalibrationData;
+}
 
 ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, const RigFile& rig,
                                         std::vector<std::string>& losses,
@@ -198,7 +256,7 @@ ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, co
     constexpr int kTold = 20;
     int wrong = 0;  // messages
     const auto visit = [&](const BagMessage& raw) {
-      if (raw.topic->type == kRobotMeasurement) try {
+      if (is_whole_posture(raw.topic->type)) try {
           reader.message(raw);
         } catch (const Damage& damage) {
           if (++wrong <= kTold)

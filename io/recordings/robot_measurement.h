@@ -1,5 +1,6 @@
-// calibration_msgs/RobotMeasurement, what the capture tools of ROS's `calibration` packages write
-// (the paper's own): joints, corners and rays of one posture in one message.
+// Messages that have all of one posture: calibration_msgs/RobotMeasurement, what the capture tools
+// of ROS's `calibration` packages write (the paper's own): joints, corners and rays; and
+// robot_calibration_msgs/CalibrationData, what robot_calibration writes: joints and points.
 #pragma once
 
 #include <string>
@@ -13,6 +14,8 @@
 namespace kincal {
 
 constexpr const char* kRobotMeasurement = "calibration_msgs/RobotMeasurement";
+constexpr const char* kCalibrationData = "robot_calibration_msgs/CalibrationData";
+bool is_whole_posture(const std::string& type);
 
 struct ImportedSamples {
   std::vector<Sample> samples;

@@ -233,7 +233,7 @@ struct StreamReader {
       if (descriptions.insert(raw.topic->name).second)
         out.descriptions.emplace_back(raw.topic->name,
                                       std::string(text_of(field(messages.read(raw), "data"))));
-    } else if (type == kRobotMeasurement) {
+    } else if (is_whole_posture(type)) {
       ++out.robot_measurements;
     }
   }

@@ -489,8 +489,10 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
     entry.check_keys({}, keys);
     for (int j : matching(entry, pattern, names)) {
       const Joint& joint = tree.joints[j];
-      if (joint.first_axis >= 0 && joint.name == pattern) {
-        read_floating(entry, tree, j, settings);
+      if (joint.first_axis >= 0) {  // a glob means it where its sigma is that of a pose
+        if (joint.name == pattern ||
+            (entry.has("sigma") && entry["sigma"].node->find("translation")))
+          read_floating(entry, tree, j, settings);
         continue;
       }
       if (!joint.has_reading()) {

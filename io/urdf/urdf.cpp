@@ -1,7 +1,9 @@
 #include "urdf.h"
 
 #include <cstring>
+#include <locale>
 #include <map>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
@@ -41,6 +43,19 @@ Vector3d read_axis(const Xml& xml, const pugi::xml_node& joint) {
   return direction.stableNormalized();
 }
 
+/// URDF 1.1 may say a rotation by quat_xyzw, which programs that read URDF 1.0 take for none.
+[[noreturn]] void refuse_quaternion(const Xml& xml, const pugi::xml_node& origin) {
+  std::istringstream in(origin.attribute("quat_xyzw").as_string());
+  in.imbue(std::locale::classic());
+  Eigen::Vector4d q;
+  const bool read = static_cast<bool>(in >> q(0) >> q(1) >> q(2) >> q(3)) && q.norm() > 0;
+  fail(xml, origin,
+       "quat_xyzw is of URDF 1.1; URDF 1.0 is read, which has rpy" +
+           (read ? ": write rpy=\"" + shortest(rpy_from_rotation(rotation_from_quaternion(q))) +
+                       "\" in its place"
+                 : std::string()));
+}
+
 /// Everything of a joint but its links and its mimic, which need all names.
 Joint read_joint(const Xml& xml, const pugi::xml_node& element,
                  std::vector<std::string>& warnings) {
@@ -49,6 +64,7 @@ Joint read_joint(const Xml& xml, const pugi::xml_node& element,
   joint.type = read_type(xml, element);
   const pugi::xml_node origin = only_child(xml, element, "origin");
   joint.parent_T_joint.translation = vector3(xml, origin, "xyz", Vector3d::Zero());
+  if (origin.attribute("quat_xyzw")) refuse_quaternion(xml, origin);
   const Vector3d rpy = vector3(xml, origin, "rpy", Vector3d::Zero());
   if (const double most = rpy.cwiseAbs().maxCoeff(); most > kMostTurned)
     warnings.push_back(where(xml, origin) + "an angle of rpy is " + shortest(most) +

@@ -123,7 +123,12 @@ MotionLack motion_lack(const Recording& recording) {
   const Turned turned = flange < 0 ? turned_sensor(recording) : turned_flange(recording, flange);
   if (turned.what.empty() || (flange < 0 && !can_turn(recording))) return {};
   const std::string turn =
-      "turn " + turned.it + " about at least two axes that are not parallel, by 30 degrees or more";
+      "turn " + turned.it +
+      " about at least two axes that are not parallel, by 30 degrees or more" +
+      (flange < 0
+           ? ""
+           : "; where it cannot turn, as that of a gantry, measure where the sensor or target "
+             "sits on it, and hold that (--fix 'sensor/NAME/pose.[xyz]')");
   const size_t poses = count_postures(recording);
   if (poses < kFewestPoses)
     return {text("%zu ", poses) + (flange < 0 ? "posture" : "pose") + (poses == 1 ? "" : "s") +

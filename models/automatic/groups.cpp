@@ -29,6 +29,23 @@ bool is_pair(const Rig& rig, int a, int b) {
 
 namespace {
 
+/// The fixed joint that carries the link of a pair and nothing that moves against it: its origin
+/// can stand for the pair's pose. -1: there is none.
+int joint_of_pair(const Rig& rig, size_t sensor) {
+  const Tree& tree = rig.tree;
+  const int above = tree.joint_above[rig.sensors[sensor].link];
+  if (above < 0 || tree.joints[above].type != JointType::fixed) return -1;
+  const auto hangs_there = [&](int link) {
+    while (tree.joint_above[link] >= 0 && tree.joint_above[link] != above)
+      link = tree.joints[tree.joint_above[link]].parent;
+    return tree.joint_above[link] == above;
+  };
+  const auto moves = [&](const Joint& joint) {
+    return !joint.is_rigid() && hangs_there(joint.parent);
+  };
+  return std::any_of(tree.joints.begin(), tree.joints.end(), moves) ? -1 : above;
+}
+
 /// How points spread: their moments, and what their noise adds to these.
 struct PointSpread {
   double count = 0, noise = 0;  // noise: sum of variances of the least certain coordinate, m^2
@@ -46,6 +63,7 @@ struct PointSpread {
 class GroupMaker {
  public:
   explicit GroupMaker(const Recording& recording);
+  const std::vector<char>& used() const { return used_; }
   AutomaticGroups make() {
     make_mounts();
     make_joints();
@@ -69,14 +87,14 @@ class GroupMaker {
 
   const Rig& rig_;
   const ParameterTable& table_;
-  const std::vector<Sample>& samples_;
-  std::vector<char> used_;     // by parameter: some measurement depends on it
+  std::vector<const Sample*> samples_;  // of the training: held-out ones decide nothing
+  std::vector<char> used_;              // by parameter: some measurement depends on it
   std::vector<char> carries_;  // by joint: it stands between the base and a sensor or target
   AutomaticGroups out_;
 };
 
-GroupMaker::GroupMaker(const Recording& recording)
-    : rig_(recording.rig), table_(recording.table), samples_(recording.samples) {
+GroupMaker::GroupMaker(const Recording& recording) : rig_(recording.rig), table_(recording.table) {
+  for (const int i : recording.training()) samples_.push_back(&recording.samples[i]);
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
   setup.sensors = indices(rig_.sensors.size());
@@ -97,17 +115,14 @@ GroupMaker::GroupMaker(const Recording& recording)
 }
 
 /// The joint that moves a sensor and the others of its rectified pair: the one that the rig names
-/// as a mount, else of a pair the fixed one above the link; any other sensor on that link moves
-/// along, and has a pose of its own. -1: the sensor's pose is its mount.
+/// as a mount, else of a pair the fixed one that carries it alone; any other sensor on that link
+/// moves along, and has a pose of its own. -1: the sensor's pose is its mount.
 int GroupMaker::shared_joint(size_t sensor, const std::vector<size_t>& others) const {
   int named = rig_.sensors[sensor].mount_joint;
   for (const size_t t : others) named = named >= 0 ? named : rig_.sensors[t].mount_joint;
-  if (named >= 0 || others.empty()) return named;
-  const int above = rig_.tree.joint_above[rig_.sensors[sensor].link];
-  return above >= 0 && rig_.tree.joints[above].type == JointType::fixed &&
-                 used_[table_.joint_origin[above]]
-             ? above
-             : -1;
+  if (named >= 0 || others.empty() || rig_.sensors[others[0]].pose_of >= 0) return named;
+  const int above = joint_of_pair(rig_, sensor);
+  return above >= 0 && used_[table_.joint_origin[above]] ? above : -1;
 }
 
 /// Fixes the rotations of a mount that move none of the points seen, in the frame of `pose`, which
@@ -139,8 +154,8 @@ void GroupMaker::make_mounts() {
   std::vector<char> turned(rig_.targets.size(), 0);        // a sensor measures how
   std::vector<Eigen::Matrix3Xd> points;
   for (const Target& target : rig_.targets) points.push_back(target_points(target));
-  for (const Sample& sample : samples_)
-    for (const View& v : sample.views) {
+  for (const Sample* sample : samples_)
+    for (const View& v : sample->views) {
       const SensorModel& model = *rig_.sensors[v.sensor].model;
       if (model.measurement_kind() == MeasurementKind::points)
         for (size_t k = 0; k + 3 <= v.z.size(); k += 3)
@@ -230,12 +245,12 @@ std::vector<Chain> GroupMaker::chains() const {
         }))
       chains.push_back({a, b});
   };
-  for (const Sample& s : samples_)
-    for (const View& v : s.views) {
+  for (const Sample* s : samples_)
+    for (const View& v : s->views) {
       if (rig_.targets[v.target].link >= 0) {
         add(rig_.sensors[v.sensor].link, rig_.targets[v.target].link);
       } else {
-        for (const View& w : s.views)
+        for (const View& w : s->views)
           if (w.target == v.target) add(rig_.sensors[v.sensor].link, rig_.sensors[w.sensor].link);
       }
     }
@@ -349,15 +364,14 @@ std::vector<char> chosen(const std::vector<WidthGroup>& groups,
   return out;
 }
 
-/// Takes numbers that the rig's own priors name out of the groups.
-void place_stated(const Recording& recording, AutomaticGroups& out) {
+/// Takes parameters that the rig's own priors name out of the groups: whatever the data depend on
+/// (`used`, by parameter) is estimated with its prior.
+void place_stated(const Recording& recording, const std::vector<char>& used, AutomaticGroups& out) {
   for (const PriorSetting& prior : recording.rig.priors)
     for (const Freed& f : recording.table.find(prior.pattern, prior.where))
       for (int c : f.components) {
         const Component component{f.parameter, c};
         const auto is = [&](const Member& m) { return m.component == component; };
-        const Freed* mount = find_freed(out.mounts, f.parameter);
-        bool known = mount && std::count(mount->components.begin(), mount->components.end(), c);
         for (std::vector<Member>* members : [&] {
                std::vector<std::vector<Member>*> all = {&out.stated};
                for (WidthGroup& g : out.groups) all.push_back(&g.members);
@@ -366,9 +380,8 @@ void place_stated(const Recording& recording, AutomaticGroups& out) {
           const auto found = std::find_if(members->begin(), members->end(), is);
           if (found == members->end()) continue;
           members->erase(found);
-          known = true;
         }
-        if (known)
+        if (used[f.parameter])
           out.stated.push_back(
               {component, prior.split && c >= 3 ? prior.rotation : prior.translation});
       }
@@ -380,8 +393,27 @@ void place_stated(const Recording& recording, AutomaticGroups& out) {
 
 }  // namespace
 
+Rig with_pair_poses(Rig rig) {
+  std::set<int> taken;  // joints that stand for a pair's pose
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    std::vector<size_t> others;
+    bool named = rig.sensors[s].mount_joint >= 0 || rig.sensors[s].pose_of >= 0;
+    for (size_t t = s + 1; t < rig.sensors.size(); ++t)
+      if (is_pair(rig, static_cast<int>(s), static_cast<int>(t))) {
+        others.push_back(t);
+        named = named || rig.sensors[t].mount_joint >= 0 || rig.sensors[t].pose_of >= 0;
+      }
+    if (others.empty() || named) continue;
+    const int joint = joint_of_pair(rig, s);
+    if (joint >= 0 && taken.insert(joint).second) continue;
+    for (const size_t t : others) rig.sensors[t].pose_of = static_cast<int>(s);
+  }
+  return rig;
+}
+
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice) {
-  AutomaticGroups out = GroupMaker(recording).make();
+  GroupMaker maker(recording);
+  AutomaticGroups out = maker.make();
   const std::vector<char> with = chosen(out.groups, choice.with, "group"),
                           without = chosen(out.groups, choice.without, "no_group");
   std::vector<WidthGroup> kept;
@@ -391,7 +423,7 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
     else if (!without[g])
       out.gears = std::move(out.groups[g].members);
   out.groups = std::move(kept);
-  place_stated(recording, out);
+  place_stated(recording, maker.used(), out);
   return out;
 }
 

@@ -78,6 +78,10 @@ struct GroupChoice {
 /// place, with another baseline.
 bool is_pair(const Rig& rig, int a, int b);
 
+/// Returns the rig with one pose for both cameras of each rectified pair that no fixed joint
+/// carries alone (Sensor::pose_of). Else that joint's origin stands for the pair's pose.
+Rig with_pair_poses(Rig rig);
+
 /// Returns the groups of a recording that its training samples depend on.
 /// @throws std::invalid_argument: no training sample has a view; NameError beginning with
 /// "group[N]" or "no_group[N]": no group has the name.

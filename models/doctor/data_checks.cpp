@@ -162,6 +162,61 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
   }
 }
 
+/// One sample in so many has another one that is the same.
+constexpr size_t kMuchTwice = 3;
+
+/// Whether two samples have the same readings of all that places a view, but for noise.
+bool placed_alike(const Rig& rig, const View& view, const Sample& a, const Sample& b) {
+  const Sensor& sensor = rig.sensors[view.sensor];
+  const Target& target = rig.targets[view.target];
+  for (const int j : joints_between(rig, sensor.link, target.link < 0 ? rig.base : target.link,
+                                    sensor.scanning_joint))
+    if (std::abs(a.readings[j] - b.readings[j]) > std::max(1e-6, 3 * rig.joints[j].sigma))
+      return false;
+  return true;
+}
+
+/// Views that are there twice number for number: in one sample, or in samples whose joints stand
+/// elsewhere, where a picture was paired twice.
+void find_repeated_views(const Rig& rig, const std::vector<Sample>& samples,
+                         std::vector<Notice>& out) {
+  constexpr size_t kByChance = 8;  // so many numbers are not the same by chance
+  std::map<std::vector<double>, std::pair<const Sample*, const View*>> seen;
+  std::vector<std::string> twice, paired, with;
+  for (const Sample& s : samples)
+    for (const View& v : s.views) {
+      if (v.z.size() < kByChance) continue;
+      std::vector<double> key = {static_cast<double>(v.sensor), static_cast<double>(v.target)};
+      key.insert(key.end(), v.ids.begin(), v.ids.end());
+      key.insert(key.end(), v.z.begin(), v.z.end());
+      const auto [before, fresh] = seen.try_emplace(std::move(key), &s, &v);
+      if (fresh) continue;
+      if (before->second.first == &s) {
+        twice.push_back(s.id);
+      } else if (!placed_alike(rig, v, *before->second.first, s)) {
+        paired.push_back(s.id);
+        with.push_back(before->second.first->id);
+      }
+    }
+  if (!twice.empty())
+    out.push_back(
+        make_notice(NoticeKind::same_samples, subjects(Subject::Kind::sample, twice),
+                    "views are there twice, number for number, in " +
+                        std::string(twice.size() > 1 ? "samples " : "sample ") + listed(twice),
+                    "they count as two measurements but are one", "leave one of them out"));
+  if (!twice.empty() && kMuchTwice * twice.size() <= samples.size())
+    out.back().severity = Severity::remark;
+  if (!paired.empty())
+    out.push_back(make_notice(
+        NoticeKind::same_samples, subjects(Subject::Kind::sample, paired),
+        "views of " + std::to_string(paired.size()) +
+            (paired.size() > 1 ? " samples are" : " sample is") +
+            " number for number that of another sample, though the joints stand elsewhere: first " +
+            quoted(paired[0]) + " has that of " + quoted(with[0]),
+        "a picture was paired twice, and of two postures one at most is its own",
+        "pair each picture with the readings of its own time"));
+}
+
 }  // namespace
 
 std::vector<Notice> find_duplicates(const Rig& rig, const std::vector<Sample>& samples) {
@@ -194,7 +249,6 @@ std::vector<Notice> find_duplicates(const Rig& rig, const std::vector<Sample>& s
     if (found->second.empty()) order.push_back(&found->first);
     found->second.push_back(s.id);
   }
-  constexpr size_t kMuchTwice = 3;  // one sample in so many has another one that is the same
   std::vector<std::string> all;
   size_t measurements = 0;
   const std::vector<std::string>* worst = nullptr;
@@ -205,18 +259,20 @@ std::vector<Notice> find_duplicates(const Rig& rig, const std::vector<Sample>& s
     all.insert(all.end(), ids.begin(), ids.end());
     if (!worst || ids.size() > worst->size()) worst = &ids;
   }
-  if (!worst) return {};
+  std::vector<Notice> out;
+  find_repeated_views(rig, samples, out);
+  if (!worst) return out;
   std::string what;
   if (measurements > 1)
     what = std::to_string(all.size()) + " samples are " + std::to_string(measurements) +
            " measurements under several ids each, worst: ";
   what += "samples " + joined(*worst) + " are the same: joint readings and measured numbers";
-  Notice out =
+  out.push_back(
       make_notice(NoticeKind::same_samples, subjects(Subject::Kind::sample, all), what,
                   "they count as " + std::to_string(worst->size()) + " measurements but are one",
-                  std::string("leave out all but one") + (measurements > 1 ? " of each" : ""));
-  if (kMuchTwice * all.size() <= samples.size()) out.severity = Severity::remark;
-  return {out};
+                  std::string("leave out all but one") + (measurements > 1 ? " of each" : "")));
+  if (kMuchTwice * all.size() <= samples.size()) out.back().severity = Severity::remark;
+  return out;
 }
 
 void check_still_joints(const Recording& recording, const FreedNames& freed,

@@ -323,7 +323,8 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
     const double reach = std::max(std::abs(joint.lower), std::abs(joint.upper));
     const double allowed =
         limited ? std::max(2 * kPi, kBeyondLimits * reach) : kManyTurns * 2 * kPi;
-    const double most = std::max(std::abs(range.second.first), std::abs(range.second.second));
+    const double most = std::abs(rig.joints[range.first].scale) *  // readings may be pulses
+                        std::max(std::abs(range.second.first), std::abs(range.second.second));
     if (!(most > allowed)) continue;
     names.push_back(joint.name);
     worst = std::max(worst, most);
@@ -334,6 +335,41 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
                                 joined(names) + (names.size() == 1 ? " has" : " have") +
                                 text(" readings of up to %.4g rad", worst),
                             "", "write radians: degrees have to be multiplied by pi / 180"));
+}
+
+/// Whether a sensor saw a mounted target move, by far more than noise.
+bool sees_motion(const Rig& rig, const std::vector<Sample>& samples) {
+  constexpr double kMotion = 20;  // sigmas
+  std::map<std::pair<int, int>, const View*> first;
+  for (const Sample& sample : samples)
+    for (const View& v : sample.views) {
+      if (rig.targets[v.target].link < 0 || v.sigma.empty()) continue;
+      const View& before = *first.try_emplace({v.sensor, v.target}, &v).first->second;
+      if (before.ids != v.ids || before.z.size() != v.z.size()) continue;
+      const double sigma = *std::max_element(v.sigma.begin(), v.sigma.end());
+      for (size_t i = 0; i < v.z.size(); ++i)
+        if (std::abs(v.z[i] - before.z[i]) > kMotion * sigma) return true;
+    }
+  return false;
+}
+
+/// Poses of a floating joint that are the same in all samples, although what is seen moves.
+void check_still_poses(const Rig& rig, const std::vector<Sample>& samples,
+                       std::vector<Notice>& out) {
+  for (const int j : make_observation_index(rig, samples).floating) {
+    const int axis = rig.tree.joints[j].first_axis;
+    const auto same = [&](const Sample& s) {
+      return std::equal(s.readings.begin() + axis, s.readings.begin() + axis + kPoseAxes,
+                        samples[0].readings.begin() + axis);
+    };
+    if (samples.size() > 2 && std::all_of(samples.begin(), samples.end(), same) &&
+        sees_motion(rig, samples))
+      out.push_back(make_notice(NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
+                                "the poses of joint " + quoted(rig.tree.joints[j].name) +
+                                    " are the same in all " + std::to_string(samples.size()) +
+                                    " samples, but what is seen moves",
+                                "", "record them with each sample: what was logged is a constant"));
+  }
 }
 
 /// Poses of a floating joint, all of which are further away than any flange.
@@ -454,6 +490,7 @@ std::vector<Notice> find_implausible(const Rig& rig, const std::vector<Sample>& 
   check_measured_lengths(rig, samples, out);
   check_angles(rig, samples, out);
   check_pose_readings(rig, samples, out);
+  check_still_poses(rig, samples, out);
   check_slides(rig, samples, out);
   check_baselines(rig, samples, out);
   check_ids(rig, samples, out);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <utility>
 
 #include "../rig/numbers.h"
@@ -138,19 +139,32 @@ void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples,
     std::vector<int> from, to;  // the reading of to[k] is given as that of from[k]
     std::string mistake;
   };
-  const std::vector<Order> orders = {
+  std::vector<Order> orders = {
       {along, by_name, "stand in " + names + ", but under the names in the order of the arm"},
       {by_name, along, "stand in the order of the arm, but under the names in alphabetical order"},
       {along, reversed, "stand in " + back}};
+  for (size_t k = 1; k < along.size(); ++k) {  // columns that begin with another joint
+    std::vector<int> rotated = along;
+    std::rotate(rotated.begin(), rotated.begin() + static_cast<long>(k), rotated.end());
+    orders.push_back({rotated, along,
+                      "begin with that of another joint: the first, of " +
+                          quoted(rig.tree.joints[along[0]].name) + ", is given as that of " +
+                          quoted(rig.tree.joints[rotated[0]].name) + ", and so on"});
+  }
+  std::set<std::vector<std::pair<int, int>>> told;  // which reading goes where
   for (size_t i = 0; i < orders.size(); ++i) {
-    if (orders[i].from == orders[i].to || (i == 2 && by_name == reversed)) continue;
+    std::vector<std::pair<int, int>> moves;
+    for (size_t k = 0; k < along.size(); ++k) moves.push_back({orders[i].from[k], orders[i].to[k]});
+    std::sort(moves.begin(), moves.end());
+    if (orders[i].from == orders[i].to || !told.insert(moves).second) continue;
     Hypothesis h;
     h.kind = NoticeKind::exchanged_joints;
     for (const int j : along) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
     h.mistake = "the readings of joints " + joined(names_of(h.where)) + " " + orders[i].mistake;
     h.cure =
-        "give each joint the number that stands beside its name: what /joint_states lists is often "
-        "in alphabetical order";
+        "give each joint the reading that stands beside its name: what /joint_states lists is "
+        "often "
+        "in alphabetical order, and columns of a log may begin with another joint";
     h.undo = [from = orders[i].from, to = orders[i].to](Rig&, std::vector<Sample>& all) {
       for (Sample& s : all) {
         const std::vector<double> given = s.readings;

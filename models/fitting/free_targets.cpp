@@ -183,7 +183,7 @@ std::optional<Pose> minimised_pose(const Rig& rig, const ParameterTable& table,
   alone.sensors = {rig.sensors[view.sensor]};
   alone.sensors[0].link = 0;
   alone.sensors[0].link_T_sensor = Pose();
-  alone.sensors[0].mount_joint = alone.targets[0].mount_joint = -1;
+  alone.sensors[0].mount_joint = alone.sensors[0].pose_of = alone.targets[0].mount_joint = -1;
   std::vector<Sample> one(1);
   one[0].views = {view};
   one[0].views[0].sensor = one[0].views[0].target = 0;

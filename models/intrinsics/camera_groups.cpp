@@ -32,7 +32,7 @@ Rig without_robot(Rig rig) {
   }
   for (Sensor& sensor : rig.sensors) {
     sensor.link = rig.base;
-    sensor.mount_joint = -1;
+    sensor.mount_joint = sensor.pose_of = -1;
   }
   return rig;
 }

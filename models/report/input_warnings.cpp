@@ -96,7 +96,7 @@ void warn_of_few_data(const Solution& solution, Notices& out) {
   const size_t samples = solution.training().size();
   const std::string of_samples =
       std::to_string(samples) + " training sample" + (samples == 1 ? "" : "s");
-  if (unknowns > 0 && numbers <= unknowns)
+  if (unknowns > 0 && numbers <= unknowns) {
     out.push_back(make_notice(
         NoticeKind::few_data, {},
         of_samples +
@@ -105,13 +105,15 @@ void warn_of_few_data(const Solution& solution, Notices& out) {
                  numbers, unknowns) +
             (numbers == unknowns ? "nothing is left to judge them by" : "that is too few"),
         "", "record more postures, or free less"));
-  else if (!(solution.dof_data > 0) && !solution.columns.empty())
+    out.back().severity = Severity::doubt;  // residuals as large as the noise say nothing then
+  } else if (!(solution.dof_data > 0) && !solution.columns.empty()) {
     out.push_back(make_notice(
         NoticeKind::few_data, {},
         of_samples +
             " have no more measured numbers than there are unknowns: nothing is left to judge "
             "these by",
         "", "record more, or free less"));
+  }
 }
 
 namespace {

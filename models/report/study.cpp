@@ -275,7 +275,7 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
       options.estimate_noise || !can_estimate_noise(calibration))
     return;
   if (options.diagnose) {
-    add_diagnosis(*report.solution.recording, options, report);
+    add_diagnosis(report.solution.recording->training_only(), options, report);
     if (finds_a_mistake(*report.diagnosis)) return;
     report.diagnosis.reset();
   }
@@ -308,6 +308,12 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
     }
 }
 
+/// Whether the noise of a rig with steps is estimated: on demand, or as nobody states it.
+bool estimates_noise(const Rig& rig, const StudyOptions& options) {
+  return !rig.steps.empty() && (options.estimate_noise || guesses_noise(rig)) &&
+         can_estimate_noise(options.calibration);
+}
+
 /// Parts 1 to 4 up to the solution. The recording returned has the samples as given.
 std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& given,
                                        const StudyOptions& options, Report& report) {
@@ -333,8 +339,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     say_groups_without_effect(options.groups, report);
     left = report.solution.recording;
   }
-  const bool guessed = !automatic && guesses_noise(left->rig) && can_estimate_noise(calibration);
-  if (options.estimate_noise || guessed) {
+  if (options.estimate_noise || estimates_noise(left->rig, options)) {
     NoiseEstimate estimate = uncancelled(
         estimate_noise(left, calibration, options.estimate_noise ? nullptr : is_guessed));
     report.solution = std::move(estimate.solution);
@@ -398,9 +403,27 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
       if (const std::optional<VectorXd> mounts = mounts_alone(found, options.calibration))
         add_baselines(as_it_is, found, *mounts, options.calibration, index, sums);
     };
-  validation.cross_validation = uncancelled(
-      cross_validate(options.reject ? recording_to_fold(given, report) : solution.recording,
-                     options.calibration, options.cross_validate, options.reject, fold));
+  FoldFit fit = options.reject ? fit_without_outliers : fit_all;
+  std::shared_ptr<const Recording> folded =
+      options.reject ? recording_to_fold(given, report) : solution.recording;
+  if (estimates_noise(given.rig, options)) {  // with steps: each fold estimates it by itself
+    folded = make_recording(given);
+    fit = [reject = options.reject, which = options.estimate_noise ? nullptr : is_guessed](
+              const std::shared_ptr<const Recording>& of, const CalibrationOptions& how) {
+      Cleaned out;
+      if (reject)
+        out = fit_without_outliers(of, how);
+      else
+        out.kept = indices(of->samples.size());
+      if (out.solution.status != Status::undefined_start || !reject)
+        out.solution =
+            uncancelled(estimate_noise(reject ? out.solution.recording : of, how, which)).solution;
+      return out;
+    };
+  }
+  validation.cross_validation =
+      uncancelled(cross_validate(folded, options.calibration, options.cross_validate, fit, fold));
+  validation.cross_validation->reject = options.reject;
   if (!fold) return;
   sums.automatic = validation.cross_validation->sums;
   compare(validation.cross_validation->blocks);
@@ -458,9 +481,10 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
                             const StudyOptions& options) try {
   Report report;
   report.input = find_implausible(recording->rig, recording->samples);
-  const bool centre = recording->rig.steps.empty() && !recording->rig.nominal.empty();
   const std::shared_ptr<const Recording> given =
-      solve(centre ? make_recording(recording->with_rig(centred(recording->rig))) : recording,
+      solve(recording->rig.steps.empty()
+                ? make_recording(recording->with_rig(with_pair_poses(centred(recording->rig))))
+                : recording,
             options, report);
   const Solution& solution = report.solution;
   const bool undefined = solution.status == Status::undefined_start;

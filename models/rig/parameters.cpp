@@ -100,6 +100,8 @@ ParameterTable::ParameterTable(const Rig& rig)
     const std::string prefix = "sensor/" + sensor.name + "/";
     sensor_pose.push_back(
         add_pose(ParameterKind::sensor_pose, s, prefix + "pose", sensor.link_T_sensor));
+    if (sensor.pose_of >= 0)
+      sensor_pose[s] = all[sensor_pose[s]].replaced_by = sensor_pose[sensor.pose_of];
     sensor_block.push_back(sensor.parameters.empty() ? -1 : static_cast<int>(all.size()));
     for (const ParameterBlock& b : sensor.parameters)
       add(kind_of_block(b.name), s, prefix + b.name, b.components, b.units, b.values);

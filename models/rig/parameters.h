@@ -38,8 +38,9 @@ struct Parameter {
   ParameterKind kind = ParameterKind::own_number;
   int owner = -1;                         // index of the joint, sensor or target that it belongs to
   double usual_error = 0, yardstick = 0;  // of joint_shape, as its model says (JointNumber)
-  int replaced_by = -1;  // of a pose: the joint's origin that is calibrated in its place (the rig's
-                         // `mount`), so that no name or glob means it
+  int replaced_by =
+      -1;  // of a pose: the joint's origin (the rig's `mount`), or the pose of another
+           // sensor, that is calibrated in its place, so that no name or glob means it
 
   /// True for the numbers of what carries a floating joint's pose: they are no unknowns, and no
   /// name or glob means them.

@@ -60,6 +60,14 @@ class Recording {
     return out;
   }
   std::vector<int> training() const { return split(true); }
+  /// Returns the recording without held-out samples.
+  Recording training_only() const {
+    const std::vector<int> kept = training();
+    if (kept.size() == samples.size()) return *this;
+    std::vector<Sample> out;
+    for (const int i : kept) out.push_back(samples[i]);
+    return with_samples(std::move(out));
+  }
 };
 
 /// Returns the sigma of a joint's reading in a sample, rad or m.

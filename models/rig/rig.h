@@ -61,6 +61,7 @@ struct Sensor {
   Pose link_T_sensor;  // chain: link_T_target
   bool pose_given = false;
   int mount_joint = -1;  // as a target's
+  int pose_of = -1;  // a sensor before it whose pose this one has too (a rectified pair); -1: none
   std::shared_ptr<const SensorModel> model;
   std::vector<ParameterBlock> parameters;
   std::vector<double> sigma;              // model->sigmas() numbers

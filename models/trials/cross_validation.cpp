@@ -7,13 +7,22 @@
 
 namespace kincal {
 
+Cleaned fit_all(const std::shared_ptr<const Recording>& recording,
+                const CalibrationOptions& options) {
+  return {uncancelled(calibrate(recording, options)), {}, "", indices(recording->samples.size())};
+}
+
+Cleaned fit_without_outliers(const std::shared_ptr<const Recording>& recording,
+                             const CalibrationOptions& options) {
+  return uncancelled(calibrate_without_outliers(recording, options));
+}
+
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int count,
-                                              bool reject, const FoldJudge& also) try {
+                                              const FoldFit& fit, const FoldJudge& also) try {
   const Folds folds = deal_folds(recording->rig, recording->samples, count);
   CrossValidation out;
   out.by_target = folds.by_target();
-  out.reject = reject;
   out.never = folds.held_out(-1);
   HeldOutSums& sums = out.sums;
   for (int f = 0; f < count; ++f) {
@@ -40,11 +49,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
       const std::shared_ptr<const Recording> without =
           make_recording(recording->with_samples(std::move(samples)));
       check_steps(*without);
-      const Cleaned clean =
-          reject
-              ? uncancelled(calibrate_without_outliers(without, fold_options))
-              : Cleaned{
-                    uncancelled(calibrate(without, fold_options)), {}, "", indices(index.size())};
+      const Cleaned clean = fit(without, fold_options);
       const Solution& solution = clean.solution;
       if (solution.status == Status::undefined_start) {
         leave_out(solution.message);

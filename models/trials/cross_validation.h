@@ -1,7 +1,7 @@
 // Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold
 // that it lacks.
 //
-// With `reject` every calibration takes gross outliers out of its own training samples
+// With fit_without_outliers every calibration takes gross outliers out of its own training samples
 // (outliers.h) and is judged on everything of its fold, outliers included: what is judged must not
 // decide what it is judged on, and a robot in use does not know its outliers beforehand. They weigh
 // on the root mean square; the median beside it they leave alone.
@@ -29,7 +29,7 @@ struct CrossValidation {
     std::string error;  // why there is no calibration without this fold; its views are missing
   };
   bool by_target = false;
-  bool reject = false;  // gross outliers were taken out of the training of each fold
+  bool reject = false;  // the caller's: `fit` took gross outliers out of the training of each fold
   std::vector<Fold> folds;
   std::vector<std::string> never;  // blocks that are never held out
   std::vector<HeldOutError> sensors;
@@ -41,14 +41,22 @@ struct CrossValidation {
 /// whole set. It may throw Cancelled.
 using FoldJudge = std::function<void(const Solution&, const std::vector<int>&)>;
 
+/// How the training samples of a fold are calibrated. It may throw Cancelled.
+using FoldFit =
+    std::function<Cleaned(const std::shared_ptr<const Recording>&, const CalibrationOptions&)>;
+Cleaned fit_all(const std::shared_ptr<const Recording>& recording,
+                const CalibrationOptions& options);
+Cleaned fit_without_outliers(const std::shared_ptr<const Recording>& recording,
+                             const CalibrationOptions& options);
+
 /// Calibrates the training samples from the rig's values as often as there are folds, each time
-/// without one fold, and judges it on that fold; `reject`: without the gross outliers of the other
-/// folds. Samples that are held out already take no part.
+/// without one fold, and judges it on that fold. Samples that are held out already take no part.
 /// nullopt: cancelled.
 /// @throws std::invalid_argument as deal_folds.
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int folds,
-                                              bool reject = false, const FoldJudge& also = nullptr);
+                                              const FoldFit& fit = fit_all,
+                                              const FoldJudge& also = nullptr);
 
 /// HeldOutBlocks are squares and points held out, by sample.
 using HeldOutBlocks = std::map<int, std::pair<double, long>>;

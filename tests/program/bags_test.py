@@ -137,6 +137,37 @@ class Bags(helpers.Folder):
         p = run(few, "--rig", self.rig, "--out", self.path("few.jsonl"))
         self.assertIn("sample 's': 'left' has 3 points, target 'board' has 4: left out", p.stderr)
 
+    def test_calibration_data(self):
+        """robot_calibration's own bags: points of a depth camera, or of a camera through the lens beside them, and an arm that holds the target."""
+        info = LINE + "sensor_msgs/CameraInfo\nHeader header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] D\nfloat64[9] K\n"
+        definition = ("sensor_msgs/JointState joint_states\nObservation[] observations\n"
+                      + LINE + "robot_calibration_msgs/Observation\nstring sensor_name\ngeometry_msgs/PointStamped[] features\nExtendedCameraInfo ext_camera_info\n"
+                      + LINE + "robot_calibration_msgs/ExtendedCameraInfo\nsensor_msgs/CameraInfo camera_info\n" + info
+                      + LINE + "geometry_msgs/PointStamped\nHeader header\ngeometry_msgs/Point point\n" + LINE + "geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n" + HEADER + STATE)
+        points = [[0.25, -0.5, 1], [0.5, 0, 2], [1, 1, 4], [0, 0.5, 2]]
+
+        def observation(name, features):
+            lens = header() + struct.pack("<II", 480, 640) + text("plumb_bob") + array([]) + struct.pack("<9d", 500, 0, 320, 0, 400, 240, 0, 0, 1)
+            return text(name) + array([header() + struct.pack("<ddd", *p) for p in features]) + lens
+
+        joints = {"j1": 0.25, "j2": -0.5, "gripper": 0.01}
+        data = [(0, 1700000000, state(joints, 1700000000.5) + array([observation("depth", points), observation("left", points), observation("hand", points),
+                                                                    observation("unknown", points)]))]
+        path = self.write("c.bag", bag([("/calibration_data", "robot_calibration_msgs/CalibrationData", definition)], data))
+        self.write("rig.yaml", RIG % "" + "  depth: {type: point, link: base, sigma: 0.001}\n")
+        p = run(path, "--rig", self.rig, "--out", self.path("samples.jsonl"))
+        self.assertEqual(p.returncode, 0, p.stderr)
+        sample = json.loads(self.read("samples.jsonl"))
+        self.assertEqual(sample["joints"], {"j1": 0.25, "j2": -0.5})
+        self.assertAlmostEqual(sample["time"], 1700000000.5)
+        self.assertEqual(sample["views"], [{"sensor": "depth", "target": "board", "ids": [0, 1, 2, 3], "points": points},
+                                           {"sensor": "left", "target": "board", "ids": [0, 1, 2, 3], "pixels": [[445, 40], [445, 240], [445, 340], [320, 340]]},
+                                           {"sensor": "hand", "target": "board"}])
+        self.assertIn("'unknown'", p.stderr)
+        self.write("rig.yaml", (RIG % "").replace("hand:", "other:"))
+        p = run(path, "--rig", self.rig, "--out", self.path("left.jsonl"))
+        self.assertEqual([v["sensor"] for v in json.loads(self.read("left.jsonl"))["views"]], ["left"], p.stderr)
+
     def test_an_id_that_is_no_text(self):
         """A sample_id that is no UTF-8 made a file of samples that nothing could read."""
         message = measurement("s_", {"j1": 0.25, "j2": -0.5, "tilt": 0.125}, PIXELS).replace(b"s_", b"s\xb1", 1)

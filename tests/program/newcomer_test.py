@@ -5,6 +5,7 @@ All data are simulated here, from an arm with a tracker and three reflectors, or
 such contradictions, and thresholds on other robots.
 """
 
+import functools
 import json
 import math
 import os
@@ -14,6 +15,8 @@ import subprocess
 import sys
 import tempfile
 import unittest
+
+import yaml
 
 sys.dont_write_bytecode = True
 import helpers
@@ -71,6 +74,7 @@ sensors:
 """
 HEAD_TRUTH = {"joint/pan/offset": -0.006, "joint/tilt/offset": 0.007, "joint/pan/origin": [0, 0, 0, 0.002, -0.002, 0],
               "joint/hold/origin": [-0.008, 0.001, -0.002, 0.008, 0.012, -0.015]}
+POSED = functools.reduce(lambda text, change: text.replace(*change), CAMERA_POSES, CAMERA)
 CAMERA_TRUTH = {"joint/j2/offset": 0.008, "joint/j3/offset": -0.006, "joint/j4/origin": [0.001, 0, 0, 0, 0.002, 0]}
 
 BOARDS = """  near: {type: chessboard, rows: 6, columns: 9, square: %(square)s, mount: {link: base, pose: {xyz: [2.0, 0.3, 1.3], rpy: [-1.5708, 0, -1.5708]}}}
@@ -819,6 +823,161 @@ class Words(Case):
         result, text = self.calibrate(samples, "--no-report", code=5, rig="steps.yaml")
         self.assertRegex(result["verdict"]["text"], r"Errors are \d+ times the noise that the rig states, evenly")
         self.assertNotIn("noise stated too small is likelier", result["verdict"]["text"].lower())
+
+
+CAMERAS = """  %(l)s: {type: camera, link: %(link)s, pose: {xyz: [%(x)s], rpy: [-1.5708, 0.02, 1.5908]}, model: pinhole, intrinsics: [900, 900, 640, 480], image_size: [1280, 960], sigma: 0.2}
+  %(r)s: {type: camera, link: %(link)s, pose: {xyz: [%(x)s], rpy: [-1.5708, 0.02, 1.5908]}, model: pinhole, intrinsics: [900, 900, 640, 480], baseline: 0.1, image_size: [1280, 960], sigma: 0.2}
+"""
+
+
+class Pairs(Case):
+    """Rectified pairs that no fixed joint carries alone: both cameras have one pose."""
+    FOOT = '<link name="foot"/><joint name="base_joint" type="fixed"><parent link="foot"/><child link="base"/></joint><link name="head"/><joint name="neck" type="fixed"><parent link="base"/><child link="head"/></joint></robot>'
+    OFF = [0.01, -0.005, 0.012, 0.02, -0.02, 0.01]
+
+    def rig(self, cameras):
+        return """format: kincal/1
+robot: arm.urdf
+base: foot
+joints: {"*": {sigma: 0.0002}}
+targets:
+  board: {type: chessboard, rows: 6, columns: 9, square: 0.025, mount: {link: l6, pose: {xyz: [0.05, -0.1, -0.06], rpy: [0.03, 1.5508, 0]}}}
+sensors:
+""" + cameras
+
+    def poses(self):
+        with open(self.path("out", "rig.yaml"), encoding="utf-8") as file:
+            return {name: s.get("pose") for name, s in yaml.safe_load(file)["sensors"].items()}
+
+    def is_right(self, pose, xyz):
+        """Against the rig's pose (camera axes: x to -y, y to -z of the base, but for 0.02 rad) and where the truth has moved it."""
+        nominal = frame(xyz, (-1.5708, 0.02, 1.5908))
+        for found, true in zip(pose["xyz"], move(nominal, self.OFF[:3])):
+            self.assertLess(abs(found - true), 0.002, pose)
+
+    def test_a_pair_on_the_robots_base(self):
+        """The joint above carries the arm, too: it is no mount of the pair."""
+        self.write("arm.urdf", urdf().replace("</robot>", self.FOOT))
+        rig = self.rig(CAMERAS % {"l": "left", "r": "right", "link": "base", "x": "2.2, 0.1, 0.5"})
+        samples = self.simulate(rig, {"sensor/left/pose": self.OFF, "sensor/right/pose": self.OFF, "joint/j3/offset": 0.004}, samples=30)
+        result, text = self.calibrate(samples)
+        self.assertIn("sensor/left/pose", result["parameters"])
+        self.assertNotIn("joint/base_joint/origin", result["parameters"])
+        pair = self.poses()
+        self.assertEqual(pair["left"], pair["right"])
+        self.is_right(pair["left"], (2.2, 0.1, 0.5))
+
+    def test_two_pairs_on_one_head(self):
+        """The joint of the head stands for the pose of the first pair, the second has its own."""
+        self.write("arm.urdf", urdf().replace("</robot>", self.FOOT))
+        rig = self.rig(CAMERAS % {"l": "left", "r": "right", "link": "head", "x": "2.2, 0.1, 0.5"} + CAMERAS % {"l": "left2", "r": "right2", "link": "head", "x": "2.2, 0.4, 0.4"})
+        samples = self.simulate(rig, {"joint/neck/origin": [0.005, 0, 0, 0, 0.01, 0], "sensor/left2/pose": self.OFF, "sensor/right2/pose": self.OFF}, samples=30)
+        result, text = self.calibrate(samples)
+        pair = self.poses()
+        self.assertEqual(pair["left2"], pair["right2"])
+        for name, sensor in result["sensors"].items():
+            self.assertLess(sensor["train"]["rms"], 0.4, name)
+        self.is_right(pair["left2"], (2.2, 0.4, 0.4))
+
+
+class HeldOut(Case):
+    """What is held out decides nothing: with other held-out samples the same robot comes out."""
+
+    def test_held_out_samples_decide_nothing(self):
+        samples = self.simulate(POSED, CAMERA_TRUTH, samples=30)
+        for s in samples[24:]:
+            s["split"] = "test"
+        first, _ = self.calibrate(samples, out="first")
+        for s in samples[24:]:
+            s["joints"]["j3"] = -s["joints"]["j3"]
+        second, _ = self.calibrate(samples, out="second")
+        with open(self.path("first", "robot.urdf")) as a, open(self.path("second", "robot.urdf")) as b:
+            self.assertEqual(a.read(), b.read())
+        self.assertEqual(first["chi2"], second["chi2"])
+
+    def test_one_held_out_point_turns_no_sensor(self):
+        """A `point` sensor that sees one place only has no rotation, whatever held-out samples see."""
+        rig = TRACKER.replace("sigma: 5.0e-05}", "sigma: 5.0e-05}\n  socket: {type: point, link: l6, sigma: 0.0001}").replace(
+            "sensors:", "  ball: {type: points, points: [[0, 0, 0]], mount: {link: base, pose: {xyz: [0.9, 0, 0.6]}}}\nsensors:")
+        samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
+        self.write("rig.yaml", rig)
+        for s in samples[26:]:
+            s["split"] = "test"
+        for s in samples[:4]:
+            s["views"].append({"sensor": "socket", "target": "ball", "points": [[0, 0, 0]]})
+        dof = []
+        for point in ([0, 0, 0], [0.003, 0, 0]):
+            held = [dict(s, views=list(s["views"])) for s in samples]
+            held[29]["views"].append({"sensor": "socket", "target": "ball", "points": [point]})
+            self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in held))
+            p = subprocess.run([KINCAL, "calibrate", "rig.yaml", "samples.jsonl", "--out", "out", "--force", "--no-report"], capture_output=True, text=True, cwd=self.dir)
+            self.assertIn(p.returncode, (0, 2, 3, 5), p.stderr)
+            with open(self.path("out", "result.json"), encoding="utf-8") as file:
+                dof.append(json.load(file)["dof"])
+        self.assertEqual(dof[0], dof[1])
+
+    def test_each_fold_estimates_the_noise_by_itself(self):
+        """Cross-validation with --estimate-noise is what calibrations without each fold, which estimate the noise themselves, say of that fold."""
+        rig = POSED.replace("sigma: 0.2}", "sigma: 0.6}\nestimate: [{step: all, free: ['*/pose', 'joint/j[2-5]/offset']}]")
+        samples = self.simulate(rig.replace("sigma: 0.6}", "sigma: 0.2}"), CAMERA_TRUTH, samples=18)
+        self.write("rig.yaml", rig)
+        result, _ = self.calibrate(samples, "--cross-validate", "3", "--estimate-noise")
+        cross = result["validation"]["cross_validation"]
+        squares = points = 0
+        for fold in cross["folds"]:
+            split = [dict(s, split="test" if s["id"] in fold["held_out"] else "train") for s in samples]
+            alone, _ = self.calibrate(split, "--estimate-noise", out="alone")
+            test = alone["validation"]["test"]["cam"]
+            squares += test["rms"] ** 2 * test["points"]
+            points += test["points"]
+        self.assertAlmostEqual(cross["sensors"]["cam"]["rms"] / math.sqrt(squares / points), 1, places=4)
+
+
+class Data(Case):
+    """What shows in the data alone, and permutations of readings."""
+
+    def found(self, samples):
+        self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+        p = subprocess.run([KINCAL, "check", "rig.yaml", "samples.jsonl", "--json"], capture_output=True, text=True, cwd=self.dir)
+        return [(f["id"], f["text"]) for f in json.loads(p.stdout)["findings"]]
+
+    def test_a_view_twice_is_one(self):
+        samples = self.simulate(POSED, CAMERA_TRUTH, samples=20)
+        samples[3]["views"].append(samples[3]["views"][0])
+        self.assertIn("duplicates", [id for id, text in self.found(samples) if "twice, number for number, in sample %s" % samples[3]["id"] in text])
+
+    def test_a_picture_that_was_paired_twice(self):
+        samples = self.simulate(POSED, CAMERA_TRUTH, samples=20)
+        for i in range(1, 20, 2):
+            samples[i]["views"] = samples[i - 1]["views"]
+        found = [text for id, text in self.found(samples) if id == "duplicates"]
+        self.assertIn("10 samples", found[0])
+
+    def test_columns_that_begin_with_another_joint(self):
+        samples = self.simulate(POSED, CAMERA_TRUTH, samples=24)
+        self.assertEqual(self.found(samples), [])
+        names = ["j%d" % k for k in range(1, 7)]
+        for by in (1, 2, 5):
+            wrong = [dict(s, joints={n: s["joints"][names[(i + by) % 6]] for i, n in enumerate(names)}) for s in samples]
+            found = self.found(wrong)
+            self.assertEqual(found[0][0], "exchanged-joints", found)
+            self.assertIn("begin with that of another joint", found[0][1])
+
+    def test_readings_in_pulses_are_no_degrees(self):
+        scale = 1.3e-5
+        samples = self.simulate(POSED, CAMERA_TRUTH, samples=20)
+        self.write("rig.yaml", POSED.replace('"*": {sigma: 0.0002}', '"*": {sigma: 15, scale: %g}' % scale))
+        for s in samples:
+            s["joints"] = {name: round(q / scale) for name, q in s["joints"].items()}
+        self.assertEqual(self.found(samples), [])
+
+    def test_a_prior_on_what_no_group_has_counts(self):
+        """The origin of a fixed joint before the camera's link: free within its prior."""
+        self.write("arm.urdf", urdf().replace("</robot>", '<link name="plate"/><joint name="bracket" type="fixed"><parent link="base"/><child link="plate"/></joint></robot>'))
+        rig = POSED.replace("link: base, pose", "link: plate, pose") + "priors: {joint/bracket/origin: {translation: 0.0001, rotation: 0.0001}}\n"
+        result, _ = self.calibrate(self.simulate(rig, CAMERA_TRUTH), code=0)
+        self.assertIn("joint/bracket/origin", result["parameters"])
+        self.assertEqual(self.warnings(result, "unused_prior"), [])
 
 
 class Pr2(Case):

@@ -74,8 +74,7 @@ TEST_CASE("cross-validation: outliers are taken out of the training of each fold
   const std::vector<Sample> samples = some_wrong(rig, kWrong);
   const Folds folds = deal_folds(rig, samples, kFolds);
   const auto recording = make_recording(rig, samples);
-  const CrossValidation cross = *cross_validate(recording, {}, kFolds, true);
-  CHECK(cross.reject);
+  const CrossValidation cross = *cross_validate(recording, {}, kFolds, fit_without_outliers);
   REQUIRE(cross.folds.size() == kFolds);
   REQUIRE(cross.sensors.size() == 1);
   CHECK(cross.sensors[0].points == 3 * 40);
@@ -102,7 +101,6 @@ TEST_CASE("cross-validation: outliers are taken out of the training of each fold
   CHECK(cross.sensors[0].median_as_read > kNoise);
   // Without `reject` they ruin the calibrations too.
   const CrossValidation plain = *cross_validate(recording, {}, kFolds);
-  CHECK_FALSE(plain.reject);
   CHECK(plain.folds[0].rejected.empty());
   CHECK(plain.sensors[0].median_as_read > 2 * cross.sensors[0].median_as_read);
 }
@@ -115,8 +113,10 @@ TEST_CASE(
   std::vector<Sample> worse = samples;
   for (size_t i = 0; i < worse.size(); ++i)
     if (folds.of[i] == 0) worse[i].readings[1] += 0.3;
-  const CrossValidation one = *cross_validate(make_recording(rig, samples), {}, kFolds, true),
-                        other = *cross_validate(make_recording(rig, worse), {}, kFolds, true);
+  const CrossValidation one = *cross_validate(make_recording(rig, samples), {}, kFolds,
+                                              fit_without_outliers),
+                        other = *cross_validate(make_recording(rig, worse), {}, kFolds,
+                                                fit_without_outliers);
   CHECK(ids(one.folds[0].rejected) == ids(other.folds[0].rejected));
   CHECK(ids(one.folds[1].rejected) != ids(other.folds[1].rejected));
 }
