@@ -10,29 +10,11 @@
 #include "../results/mount_texts.h"
 #include "../rig/types.h"
 #include "lens.h"
+#include "mounts.h"
 #include "write_lens.h"
 
 namespace kincal {
 namespace {
-
-/// Returns a_T_b if nothing but fixed joints is between the links.
-std::optional<Pose> fixed_pose(const Tree& tree, int a, int b) {
-  const auto from_root = [&](int link, std::vector<int>& joints) {
-    for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
-      joints.push_back(j);
-  };
-  std::vector<int> up, down;
-  from_root(a, up);
-  from_root(b, down);
-  while (!up.empty() && !down.empty() && up.back() == down.back()) up.pop_back(), down.pop_back();
-  Pose a_T_top, b_T_top;
-  for (const auto& [joints, pose] : {std::make_pair(&up, &a_T_top), {&down, &b_T_top}})
-    for (int j : *joints) {
-      if (!tree.joints[j].is_rigid()) return std::nullopt;
-      *pose = *pose * inverse(pose_at_zero(tree.joints[j]));
-    }
-  return a_T_top * inverse(b_T_top);
-}
 
 void check_sensors(const Rig& rig, const Names& given) {
   const Names names = names_of(rig.sensors);
@@ -47,8 +29,18 @@ const Sensor& only_sensor(const std::vector<const Sensor*>& sensors, const std::
   if (sensors.size() == 1) return *sensors[0];
   Names names;
   for (const Sensor* sensor : sensors) names.push_back(sensor->name);
-  throw InputError("a file of " + format + " holds one sensor: take --sensor NAME with one of " +
-                   comma_separated(names));
+  throw InputError((format[0] == '-' ? format + " is about" : "a file of " + format + " holds") +
+                   " one sensor: take --sensor NAME with one of " + comma_separated(names));
+}
+
+/// The sensors of these names, of no names all that have a frame of their own.
+std::vector<const Sensor*> posed_sensors(const Rig& rig, const Names& names) {
+  std::vector<const Sensor*> out;
+  for (const Sensor& sensor : rig.sensors)
+    if (names.empty() ? sensor.type != "chain"
+                      : std::count(names.begin(), names.end(), sensor.name) > 0)
+      out.push_back(&sensor);
+  return out;
 }
 
 /// Where the centre of a rectified right camera is, in the sensor's frame.
@@ -80,64 +72,6 @@ std::string camchain(const Rig& rig, const std::vector<const Sensor*>& cameras,
                   last.link_T_sensor * lens_in_sensor(lenses[i - 1]);
   }
   return kalibr_text(lenses, before);
-}
-
-// ------------------------------------------------------------------------------------------------
-// poses
-/// One frame below another; `in_robot`: a joint of the robot has it.
-struct NamedPose {
-  std::string of, parent, child;
-  Pose pose;
-  bool in_robot = false;
-};
-
-/// What sensors and targets have in common of this.
-template <class T>
-void add_pose(const Rig& rig, const T& thing, const Pose& pose, std::vector<NamedPose>& out) {
-  const Tree& tree = rig.tree;
-  if (thing.mount_joint >= 0) {
-    const Joint& joint = tree.joints[thing.mount_joint];
-    out.push_back({thing.name, tree.links[joint.parent], tree.links[joint.child],
-                   joint.parent_T_joint, true});
-    return;
-  }
-  Names taken;
-  for (const NamedPose& one : out) taken.push_back(one.child);
-  out.push_back({thing.name, tree.links[thing.link], new_link_name(tree, thing.name, taken), pose});
-}
-
-std::string static_transforms(const Rig& rig, const Names& names, std::vector<std::string>& notes) {
-  std::vector<NamedPose> poses;
-  const auto unknown = [&](const std::string& name) {
-    notes.push_back(name +
-                    " is left away: its pose is not in the rig. Export a result of `kincal "
-                    "calibrate`");
-  };
-  for (const Sensor& sensor : rig.sensors) {
-    if (!names.empty() && !std::count(names.begin(), names.end(), sensor.name)) continue;
-    if (sensor.pose_given)
-      add_pose(rig, sensor, sensor.link_T_sensor, poses);
-    else
-      unknown("sensors." + sensor.name);
-  }
-  for (const Target& target : rig.targets) {
-    if (!names.empty() || target.link < 0) continue;
-    if (target.pose_given)
-      add_pose(rig, target, target.link_T_target, poses);
-    else
-      unknown("targets." + target.name);
-  }
-  if (poses.empty())
-    throw InputError(
-        "no pose of a sensor or mounted target is in the rig: export a result of `kincal "
-        "calibrate`");
-  std::string out;
-  for (const NamedPose& one : poses)
-    out += "# " + one.of +
-           (one.in_robot ? ": in robot.urdf, whose robot_state_publisher sends it already" : "") +
-           "\n" + ros2_static_transform(one.pose, one.parent, one.child) +
-           "\n# ROS 1: " + ros1_static_transform(one.pose, one.parent, one.child) + "\n";
-  return out;
 }
 
 struct HandEye {
@@ -208,38 +142,44 @@ std::string easy_handeye2(const HandEye& it, const std::string& name) {
 }  // namespace
 
 const Names& export_formats() {
-  static const Names formats = {"camera_info",       "opencv",       "kalibr",
-                                "static_transforms", "easy_handeye", "easy_handeye2"};
+  static const Names formats = {"camera_info", "opencv", "kalibr",       "static_transforms",
+                                "urdf",        "xacro",  "easy_handeye", "easy_handeye2"};
   return formats;
 }
 
-ExportedFile export_rig(const Rig& rig, const std::string& format, const Names& sensors) {
+ExportedFile export_rig(const Rig& rig, const ExportOptions& o) {
+  const std::string& format = o.format;
+  const auto is_one_of = [&](const Names& names) {
+    return std::count(names.begin(), names.end(), format) > 0;
+  };
+  if (!is_one_of(export_formats()))
+    throw InputError("--as: unknown format '" + format + "'" +
+                     nearest_names(format, export_formats()) +
+                     "; valid: " + comma_separated(export_formats()));
+  check_sensors(rig, o.sensors);
+  if (!is_one_of(mount_formats()) && !(o.child.empty() && o.known.empty()))
+    throw InputError("--child and --known are of " + comma_separated(mount_formats()));
+  if (o.child.empty() && !o.known.empty())
+    throw InputError("--known: says where the sensor is in the link of --child, which is missing");
   ExportedFile out;
-  check_sensors(rig, sensors);
-  if (format == "static_transforms") {
-    out.text = static_transforms(rig, sensors, out.notes);
+  if (is_one_of(mount_formats())) {
+    out.text = mounts_text(
+        o.child.empty()
+            ? mounts_of(rig, o.sensors, out.notes)
+            : std::vector<Mount>{driver_mount(
+                  rig, only_sensor(posed_sensors(rig, o.sensors), "--child"), o.child, o.known)},
+        format);
   } else if (format == "easy_handeye" || format == "easy_handeye2") {
-    std::vector<const Sensor*> chosen;
-    for (const Sensor& sensor : rig.sensors)
-      if (sensors.empty() ? sensor.type != "chain"
-                          : std::count(sensors.begin(), sensors.end(), sensor.name) > 0)
-        chosen.push_back(&sensor);
-    const Sensor& sensor = only_sensor(chosen, format);
+    const Sensor& sensor = only_sensor(posed_sensors(rig, o.sensors), format);
     const HandEye it = hand_eye(rig, sensor);
     out.text =
         format == "easy_handeye" ? easy_handeye(it, sensor.name) : easy_handeye2(it, sensor.name);
   } else {
-    const std::vector<const Sensor*> cameras = cameras_of(rig, sensors);
-    if (format == "kalibr")
-      out.text = camchain(rig, cameras, out.notes);
-    else if (format == "camera_info")
-      out.text = camera_info_text(lens_of(only_sensor(cameras, format)));
-    else if (format == "opencv")
-      out.text = opencv_text(lens_of(only_sensor(cameras, format)), out.notes);
-    else
-      throw InputError("--as: unknown format '" + format + "'" +
-                       nearest_names(format, export_formats()) +
-                       "; valid: " + comma_separated(export_formats()));
+    const std::vector<const Sensor*> cameras = cameras_of(rig, o.sensors);
+    out.text = format == "kalibr" ? camchain(rig, cameras, out.notes)
+               : format == "camera_info"
+                   ? camera_info_text(lens_of(only_sensor(cameras, format)))
+                   : opencv_text(lens_of(only_sensor(cameras, format)), out.notes);
   }
   return out;
 }
