@@ -44,6 +44,7 @@ foreach(group Planted File)
   kincal_python_test(local.${group} local_test.py cli 600 ${kincal_program} ${group})
 endforeach()
 
+kincal_python_test(mjcf mjcf_test.py cli 300 ${kincal_program})
 kincal_python_test(fleet fleet_test.py cli 600 ${kincal_program})
 kincal_python_test(flange flange_test.py cli 300 ${kincal_program})
 foreach(group Export Mounts Import Poses HandEye Numbers)

@@ -22,6 +22,7 @@
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
 #include "../../io/urdf/edit.h"
+#include "../../io/urdf/edit_mjcf.h"
 #include "../../models/report/study.h"
 #include "fuzz.h"
 
@@ -66,6 +67,19 @@ void urdf(const std::string& text) {
   for (size_t j = 0; j < urdf.tree.joints.size(); ++j)
     changes.origins[static_cast<int>(j)] = Pose();
   again([&] { return parse_urdf(edit_urdf(urdf, changes), "written.urdf"); });
+}
+
+/// A model whose robot has other origins: what is written is that robot's.
+void mjcf(const std::string& text) {
+  static const Urdf urdf = read_urdf(KINCAL_FUZZ_CORPUS "/urdf/robot.urdf");
+  CalibratedTree robot{urdf.tree, {}, {}, {{"eye", 2, Pose()}}};
+  for (const Joint& joint : urdf.tree.joints) robot.before.push_back(joint.parent_T_joint);
+  robot.after = robot.before;
+  for (Pose& origin : robot.after)
+    origin = origin * Pose{rotation_about(Vector3d::UnitY(), 0.01), Vector3d(0.001, 0.002, 0)};
+  const std::string written = edit_mjcf(text, "model.xml", robot).text;
+  const CalibratedTree same{urdf.tree, robot.after, robot.after, {}};
+  again([&] { return edit_mjcf(written, "written.xml", same); });
 }
 
 void rig(const std::string& text) {
@@ -142,7 +156,7 @@ void calibration(const std::string& text) {
 Readers all_readers() {
   Readers out = {{"urdf", urdf},       {"rig", rig},       {"samples", samples},
                  {"truth", truth},     {"result", result}, {"calibration", calibration},
-                 {"foreign", foreign}, {"poses", poses}};
+                 {"foreign", foreign}, {"poses", poses},   {"mjcf", mjcf}};
 #ifdef KINCAL_FUZZ_BAGS
   out.merge(bag_readers());
 #endif
