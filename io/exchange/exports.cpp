@@ -4,13 +4,17 @@
 #include <optional>
 
 #include "../document/error.h"
+#include "../document/files.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../document/yaml.h"
 #include "../results/mount_texts.h"
 #include "../rig/types.h"
+#include "dh.h"
 #include "lens.h"
 #include "mounts.h"
+#include "robot_exports.h"
+#include "ur_kinematics.h"
 #include "write_lens.h"
 
 namespace kincal {
@@ -139,30 +143,105 @@ std::string easy_handeye2(const HandEye& it, const std::string& name) {
          "\n    z: " + real_text(q[2]) + "\n    w: " + real_text(q[3]) + "\n";
 }
 
-}  // namespace
-
-const Names& export_formats() {
-  static const Names formats = {"camera_info", "opencv", "kalibr",       "static_transforms",
-                                "urdf",        "xacro",  "easy_handeye", "easy_handeye2"};
+/// Formats of the robot's joints, without sensors.
+const Names& robot_formats() {
+  static const Names formats = {"xacro_properties", "ros2_control", "ur_kinematics",
+                                "lerobot",          "dh",           "modified_dh"};
   return formats;
 }
 
-ExportedFile export_rig(const Rig& rig, const ExportOptions& o) {
-  const std::string& format = o.format;
-  const auto is_one_of = [&](const Names& names) {
-    return std::count(names.begin(), names.end(), format) > 0;
-  };
-  if (!is_one_of(export_formats()))
-    throw InputError("--as: unknown format '" + format + "'" +
-                     nearest_names(format, export_formats()) +
+bool is_one_of(const Names& names, const std::string& name) {
+  return std::count(names.begin(), names.end(), name) > 0;
+}
+
+/// Refuses options that the format has no use for.
+void check_options(const ExportOptions& o) {
+  if (!is_one_of(export_formats(), o.format))
+    throw InputError("--as: unknown format '" + o.format + "'" +
+                     nearest_names(o.format, export_formats()) +
                      "; valid: " + comma_separated(export_formats()));
-  check_sensors(rig, o.sensors);
-  if (!is_one_of(mount_formats()) && !(o.child.empty() && o.known.empty()))
-    throw InputError("--child and --known are of " + comma_separated(mount_formats()));
+  const auto only_of = [&](const std::string& option, bool given, const Names& formats) {
+    if (given && !is_one_of(formats, o.format))
+      throw InputError(option + ": is of the formats " + comma_separated(formats));
+  };
+  only_of("--child", !o.child.empty(), mount_formats());
+  only_of("--known", !o.known.empty(), mount_formats());
+  only_of("--tip", !o.tip.empty(), {"dh", "modified_dh"});
+  only_of("--prefix", !o.prefix.empty(), {"ur_kinematics"});
+  only_of("--from", !o.from.empty(), {"ur_kinematics", "lerobot"});
+  only_of("--motors", o.motors != "feetech", {"lerobot"});
+  if (is_one_of(robot_formats(), o.format) && !o.sensors.empty())
+    throw InputError("--sensor: " + o.format + " has no sensors");
   if (o.child.empty() && !o.known.empty())
     throw InputError("--known: says where the sensor is in the link of --child, which is missing");
+  if (o.format == "lerobot" && o.from.empty())
+    throw InputError("--from is missing: LeRobot's calibration file, which gets other offsets");
+}
+
+std::string dh_of(const RobotNumbers& robot, const ExportOptions& o) {
+  const Tree& tree = robot.rig.tree;
+  if (o.tip.empty())
+    throw InputError("--tip is missing: the link at the end of the chain; the robot has: " +
+                     comma_separated(tree.links));
+  const int tip = tree.find_link(o.tip);
+  if (tip < 0)
+    throw InputError("--tip: the robot has no link '" + o.tip + "'" +
+                     nearest_or_all(o.tip, tree.links, "the robot has"));
+  const DhTable table =
+      dh_table(tree, robot.folded, robot.rig.base, tip, o.format == "modified_dh");
+  return dh_text(table, dh_misfit(table, tree, robot.folded, robot.rig.base, tip),
+                 tree.links[robot.rig.base], o.tip);
+}
+
+std::string ur_kinematics_of(const RobotNumbers& robot, const ExportOptions& o,
+                             std::vector<std::string>& notes) {
+  UrKinematics out;
+  for (const int j : ur_joints(robot.rig.tree, o.prefix)) out.origins.push_back(robot.folded[j]);
+  if (!o.from.empty()) out.hash = read_ur_kinematics(o.from).hash;
+  if (out.hash.empty()) {
+    out.hash = "kincal_" + sha256(ur_kinematics_text(out)).substr(0, 16);
+    notes.push_back(
+        "the driver compares `hash` with the robot's and warns: take --from FILE with the file "
+        "that ur_calibration wrote of the robot, and its hash is kept");
+  }
+  return ur_kinematics_text(out);
+}
+
+ExportedFile export_robot(const RobotNumbers& robot, const ExportOptions& o) {
   ExportedFile out;
-  if (is_one_of(mount_formats())) {
+  if (o.format == "xacro_properties")
+    out.text = xacro_properties(robot);
+  else if (o.format == "ros2_control")
+    out.text = ros2_control_text(robot, out.notes);
+  else if (o.format == "ur_kinematics")
+    out.text = ur_kinematics_of(robot, o, out.notes);
+  else if (o.format == "lerobot")
+    out.text = lerobot_text(robot, o.from, o.motors, out.notes);
+  else
+    out.text = dh_of(robot, o);
+  return out;
+}
+
+}  // namespace
+
+const Names& export_formats() {
+  static const Names formats = [] {
+    Names out = {"camera_info", "opencv", "kalibr",       "static_transforms",
+                 "urdf",        "xacro",  "easy_handeye", "easy_handeye2"};
+    out.insert(out.end(), robot_formats().begin(), robot_formats().end());
+    return out;
+  }();
+  return formats;
+}
+
+ExportedFile export_calibrated(const CalibratedFiles& files, const ExportOptions& o) {
+  const std::string& format = o.format;
+  check_options(o);
+  if (is_one_of(robot_formats(), format)) return export_robot(robot_numbers(files), o);
+  const Rig& rig = files.rig_file.rig;
+  check_sensors(rig, o.sensors);
+  ExportedFile out;
+  if (is_one_of(mount_formats(), format)) {
     out.text = mounts_text(
         o.child.empty()
             ? mounts_of(rig, o.sensors, out.notes)

@@ -11,9 +11,12 @@
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
+#include "../../io/exchange/dh.h"
 #include "../../io/exchange/kalibr_target.h"
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/exchange/robot_exports.h"
+#include "../../io/exchange/ur_kinematics.h"
 #include "../../io/exchange/write_lens.h"
 #include "../../io/results/apply.h"
 #include "../../io/results/comparison.h"
@@ -106,6 +109,28 @@ void result(const std::string& text) {
   apply_result(path, nominal, true);
 }
 
+/// A table becomes a URDF. A robot that it makes may still be refused, for names of its joints.
+void dh(const std::string& text) {
+  const std::string path = in_file("table.csv", text);
+  for (const bool modified : {false, true})
+    parse_urdf(dh_urdf(read_dh(path, modified), "robot"), "table.urdf");
+}
+
+void kinematics(const std::string& text) {
+  const UrKinematics read = read_ur_kinematics(in_file("kinematics.yaml", text));
+  again([&] { return read_ur_kinematics(in_file("written.yaml", ur_kinematics_text(read))); });
+}
+
+/// Motors of LeRobot, of a robot with offsets.
+void lerobot(const std::string& text) {
+  static const CalibratedFiles files = read_calibrated(path_of("rig.yaml"));
+  RobotNumbers robot = robot_numbers(files);
+  for (double& offset : robot.offsets) offset = 0.1;
+  std::vector<std::string> notes;
+  const std::string written = lerobot_text(robot, in_file("arm.json", text), "dynamixel", notes);
+  again([&] { return lerobot_text(robot, in_file("written.json", written), "dynamixel", notes); });
+}
+
 /// A file of another program.
 void foreign(const std::string& text) {
   const std::string path = in_file("foreign.yaml", text);
@@ -154,9 +179,18 @@ void calibration(const std::string& text) {
 }
 
 Readers all_readers() {
-  Readers out = {{"urdf", urdf},       {"rig", rig},       {"samples", samples},
-                 {"truth", truth},     {"result", result}, {"calibration", calibration},
-                 {"foreign", foreign}, {"poses", poses},   {"mjcf", mjcf}};
+  Readers out = {{"urdf", urdf},
+                 {"rig", rig},
+                 {"samples", samples},
+                 {"truth", truth},
+                 {"result", result},
+                 {"calibration", calibration},
+                 {"foreign", foreign},
+                 {"poses", poses},
+                 {"mjcf", mjcf},
+                 {"dh", dh},
+                 {"kinematics", kinematics},
+                 {"lerobot", lerobot}};
 #ifdef KINCAL_FUZZ_BAGS
   out.merge(bag_readers());
 #endif
