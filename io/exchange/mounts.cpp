@@ -7,6 +7,7 @@
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../results/mount_texts.h"
+#include "../rig/types.h"
 
 namespace kincal {
 namespace {

@@ -10,6 +10,7 @@
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../results/mount_texts.h"
+#include "../rig/types.h"
 
 namespace kincal {
 namespace {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -18,7 +19,8 @@
 namespace kincal {
 namespace {
 
-constexpr double kRoundedModel = 1e-4;  // m and rad: how far a model's rounded numbers are off
+constexpr double kRoundedModel = 2e-3;  // m and rad: how far a model's rounded numbers are off
+constexpr double kToldRounding = 1e-5;  // m and rad: farther off is told
 constexpr double kProvedModel = 1e-9;   // m and rad
 constexpr double kSameNumber = 1e-12;   // m and rad: not written again
 
@@ -26,17 +28,6 @@ double angle_of(const Matrix3d& r) { return log_so3(r).norm(); }
 double difference_of(const Pose& a, const Pose& b) {
   return std::max((a.translation - b.translation).norm(),
                   angle_of(a.rotation.transpose() * b.rotation));
-}
-
-/// The joints from a link down to another one; none if that does not hang on it.
-std::optional<std::vector<int>> joints_down(const Tree& tree, int from, int to) {
-  std::vector<int> out;
-  for (; to != from; to = tree.joints[out.back()].parent) {
-    if (tree.joint_above[to] < 0) return std::nullopt;
-    out.push_back(tree.joint_above[to]);
-  }
-  std::reverse(out.begin(), out.end());
-  return out;
 }
 
 /// A line in a body's frame about which a joint turns, or along which it slides.
@@ -50,13 +41,22 @@ struct Section {
   std::vector<JointLine> lines;  // of the moving joints, in the frame of `to`
 };
 
+/// What turns and moves a body's frame so that the line of its joint is the one that it has in the
+/// model.
+Pose onto(const MjcfJoint& joint, const JointLine& line) {
+  const Matrix3d turn = rotation_between(joint.axis, line.axis);
+  Vector3d off = Vector3d::Zero();
+  if (joint.type == "hinge") off = turn.transpose() * line.point - joint.pos;
+  return {turn, turn * (off - joint.axis.dot(off) * joint.axis)};
+}
+
 /// How a body goes with the robot.
 struct BodyPlace {
   int link = -1;            // of its name; -1: none
   bool placed = false;      // it stands where the robot has it by `joints`, on what is above
   int above = -1;           // the next body above that has a link; -1: the world
   Pose above_T_here;        // what is between, which does not move
-  std::vector<int> joints;  // of the robot, from the link above
+  Path joints;              // of the robot, from the link above; those that lead up are rigid
   std::vector<int> moving;  // those of them that move: the body's, in their order
   Pose link_T_body;         // mostly the identity
 };
@@ -79,8 +79,12 @@ class ModelEditor {
   void prove(const Mjcf& written) const;
 
  private:
-  Section section(const std::vector<int>& joints, const std::vector<Pose>& origins,
+  Section section(const Path& joints, const std::vector<Pose>& origins,
                   const std::vector<double>& refs, const Pose& link_T_body) const;
+  std::string missing_prefix() const;
+  int link_of(const std::string& name) const {
+    return name.empty() ? -1 : tree_.find_link(prefix_ + name);
+  }
   bool find_above(size_t b);
   std::string mismatch(const MjcfBody& body, const BodyPlace& place) const;
   void place(size_t b);
@@ -106,23 +110,23 @@ class ModelEditor {
   std::vector<Splice> splices_;
   EditedMjcf out_;
   std::vector<std::string> turned_, kept_;  // names, for notes
+  std::string prefix_;                      // of the robot's names, which the model's lack
+  double rounded_ = 0;                      // how far the model was off at most, m or rad
 };
 
-Section ModelEditor::section(const std::vector<int>& joints, const std::vector<Pose>& origins,
+Section ModelEditor::section(const Path& joints, const std::vector<Pose>& origins,
                              const std::vector<double>& refs, const Pose& link_T_body) const {
   Section out;
   Pose tail = link_T_body;  // from behind the joint to the body
   size_t moving = refs.size();
   for (size_t i = joints.size(); i-- > 0;) {
-    const Joint& joint = tree_.joints[joints[i]];
-    if (joint.moves()) {
+    const Joint& joint = tree_.joints[joints[i].joint];
+    if (joint.moves())
       out.lines.insert(out.lines.begin(),
                        {tail.rotation.transpose() * joint.axis, inverse(tail).translation});
-      tail = joint_motion(joint, refs[--moving]) * tail;
-    } else {
-      tail = joint_motion(joint, 0) * tail;
-    }
-    tail = origins[joints[i]] * tail;
+    const Pose pose =
+        origins[joints[i].joint] * joint_motion(joint, joint.moves() ? refs[--moving] : 0);
+    tail = (joints[i].direction > 0 ? pose : inverse(pose)) * tail;
   }
   out.from_T_to = tail;
   return out;
@@ -148,13 +152,11 @@ std::string ModelEditor::mismatch(const MjcfBody& body, const BodyPlace& p) cons
   for (const int j : p.moving) names.push_back(tree_.joints[j].name);
   const std::string has = names.empty() ? "no joint" : "joint " + comma_separated(names);
   const std::string wants = "; the robot has " + has + " there";
-  for (const int j : p.joints)
-    if (!tree_.joints[j].moves() && !tree_.joints[j].is_rigid())
-      return "joint '" + tree_.joints[j].name + "' is " + type_name(tree_.joints[j].type);
   for (size_t i = 0; i < std::max(body.joints.size(), p.moving.size()); ++i) {
     if (i >= body.joints.size()) return "has no joint '" + names[i] + "'" + wants;
     const MjcfJoint& joint = body.joints[i];
-    if (i >= p.moving.size() || (!joint.name.empty() && joint.name != names[i]))
+    if (i >= p.moving.size() ||
+        (!joint.name.empty() && joint.name != names[i] && prefix_ + joint.name != names[i]))
       return "joint '" + joint.name + "' is none of the robot's" + wants;
     const bool slides = tree_.joints[p.moving[i]].type == JointType::prismatic;
     if (joint.type != (slides ? "slide" : "hinge"))
@@ -166,7 +168,9 @@ std::string ModelEditor::mismatch(const MjcfBody& body, const BodyPlace& p) cons
 void ModelEditor::check_line(const MjcfJoint& joint, const JointLine& line, int tree_joint) const {
   const std::string name = "joint '" + tree_.joints[tree_joint].name + "' of the robot";
   if ((joint.axis + line.axis).norm() < kRoundedModel)
-    fail(xml_, joint.element, "turns the other way than " + name);
+    fail(xml_, joint.element,
+         "turns the other way than " + name +
+             "; or is the body that it hangs on called as another link, which is turned?");
   if (!((joint.axis - line.axis).norm() < kRoundedModel))
     fail(xml_, joint.element,
          "its axis is " + rounded((joint.axis - line.axis).norm(), 3) + " rad from that of " +
@@ -219,21 +223,26 @@ void ModelEditor::place(size_t b) {
   BodyPlace& p = places_[b];
   const bool still = find_above(b);
   const int from = p.above >= 0 ? places_[p.above].link : tree_.root;
-  const std::optional<std::vector<int>> joints = joints_down(tree_, from, p.link);
-  if (!joints)
-    fail(xml_, body.element,
-         "hangs on body '" + model_.bodies[p.above].name + "', but link '" + tree_.links[p.link] +
-             "' of the robot does not hang on '" + tree_.links[from] + "'");
-  p.joints = *joints;
-  for (const int j : p.joints)
-    if (tree_.joints[j].moves()) p.moving.push_back(j);
-  const std::string why =
-      !still ? "hangs on a joint that is none of the robot's" : mismatch(body, p);
+  std::string why = still ? "" : "hangs on a joint that is none of the robot's";
+  try {
+    p.joints = find_path(tree_, from, p.link);
+  } catch (const std::invalid_argument&) {
+    why = "a floating or planar joint of the robot is above it";
+  }
+  for (const PathStep& step : p.joints) {
+    if (!tree_.joints[step.joint].moves()) continue;
+    p.moving.push_back(step.joint);
+    if (step.direction < 0)
+      fail(xml_, body.element,
+           "hangs on body '" + model_.bodies[p.above].name + "', but link '" + tree_.links[p.link] +
+               "' of the robot does not hang on '" + tree_.links[from] + "'");
+  }
+  if (why.empty()) why = mismatch(body, p);
   if (!why.empty()) {  // it stays, and what hangs on it is placed on it
-    for (const int j : p.joints)
-      if (changed_[j] && p.above >= 0)
+    for (const PathStep& step : p.joints)
+      if (changed_[step.joint] && p.above >= 0)
         fail(xml_, body.element,
-             why + ", and the result changes joint '" + tree_.joints[j].name + "'");
+             why + ", and the result changes joint '" + tree_.joints[step.joint].name + "'");
     return;
   }
   std::vector<double> refs;
@@ -250,6 +259,7 @@ void ModelEditor::place(size_t b) {
     fail(xml_, body.element, "holds the changes of the result already");
   if (off <= kRoundedModel) {
     p.link_T_body = Pose();
+    rounded_ = std::max(rounded_, off);
   } else {
     if (p.moving.empty() && p.link_T_body.translation.norm() > kRoundedModel)
       fail(xml_, body.element,
@@ -257,13 +267,15 @@ void ModelEditor::place(size_t b) {
                tree_.links[p.link] + "' of the robot: the model is of another robot");
     kept_.push_back(body.name);
   }
-  const Section was = section(p.joints, robot_.before, refs, p.link_T_body),
-                is = section(p.joints, robot_.after, refs, p.link_T_body);
+  const Section was = section(p.joints, robot_.before, refs, p.link_T_body);
   for (size_t i = 0; i < p.moving.size(); ++i)
     check_line(body.joints[i], was.lines[i], p.moving[i]);
+  if (off > kRoundedModel && !p.moving.empty())
+    p.link_T_body = p.link_T_body * onto(body.joints.back(), was.lines.back());
+  const Section is = section(p.joints, robot_.after, refs, p.link_T_body);
   write_pose(body.element, body.pose, inverse(start * p.above_T_here) * is.from_T_to);
   for (size_t i = 0; i < p.moving.size(); ++i) write_joint(body.joints[i], is.lines[i]);
-  for (const int j : p.joints) covered_[j] = true;
+  for (const PathStep& step : p.joints) covered_[step.joint] = true;
   p.placed = true;
 }
 
@@ -309,7 +321,7 @@ void ModelEditor::write_marks() {
     bool found = false;
     for (const MjcfMark& mark : model_.cameras) {
       Pose link_T_here;
-      if (mark.name != camera.name && mark.name != tree_.links[camera.link]) continue;
+      if (mark.name != camera.name && link_of(mark.name) != camera.link) continue;
       const int link = holder(mark, link_T_here);
       const std::optional<Pose> pose =
           link < 0 ? std::nullopt : between(link, camera.link, robot_.after);
@@ -329,8 +341,7 @@ void ModelEditor::write_marks() {
   }
   for (const MjcfMark& mark : model_.sites) {
     Pose link_T_here;
-    const int other = mark.name.empty() ? -1 : tree_.find_link(mark.name),
-              link = other < 0 ? -1 : holder(mark, link_T_here);
+    const int other = link_of(mark.name), link = other < 0 ? -1 : holder(mark, link_T_here);
     if (link < 0) continue;
     const std::optional<Pose> was = between(link, other, robot_.before);
     if (!was) continue;
@@ -351,7 +362,8 @@ void ModelEditor::note_what_is_missing() {
     missing.push_back(tree_.joints[j].name);
     for (const MjcfBody& body : model_.bodies)
       for (const MjcfJoint& joint : body.joints)
-        if (joint.name == missing.back())
+        if (joint.name == missing.back() ||
+            (!joint.name.empty() && prefix_ + joint.name == missing.back()))
           fail(xml_, joint.element,
                "the result changes it, but body '" + body.name +
                    "' is not called as the link that it moves, '" +
@@ -363,6 +375,12 @@ void ModelEditor::note_what_is_missing() {
   if (!missing.empty())
     out_.notes.push_back("not in the model, their changes are left away: joints " +
                          comma_separated(missing));
+  if (!prefix_.empty())
+    out_.notes.push_back("its names are those of the robot without '" + prefix_ + "'");
+  if (rounded_ > kToldRounding)
+    out_.notes.push_back("its bodies were up to " + rounded(rounded_, 2) +
+                         " m or rad from the robot as it was before the calibration: rounded "
+                         "numbers, which are exact now");
   if (!turned_.empty())
     out_.notes.push_back("how they are turned is `quat` now: " + comma_separated(turned_));
   if (!kept_.empty())
@@ -370,11 +388,25 @@ void ModelEditor::note_what_is_missing() {
                          comma_separated(kept_));
 }
 
+/// What stands before the names of most links and is missing in those of the bodies; "": nothing,
+/// or there are bodies of the links' own names.
+std::string ModelEditor::missing_prefix() const {
+  std::map<std::string, int> found;
+  for (const MjcfBody& body : model_.bodies)
+    for (const std::string& link : tree_.links)
+      if (!body.name.empty() && link.size() >= body.name.size() &&
+          link.compare(link.size() - body.name.size(), body.name.size(), body.name) == 0)
+        ++found[link.substr(0, link.size() - body.name.size())];
+  const auto most = std::max_element(
+      found.begin(), found.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  return most == found.end() || most->second < 2 || found.count("") ? "" : most->first;
+}
+
 EditedMjcf ModelEditor::edit() {
   places_.resize(model_.bodies.size());
+  prefix_ = missing_prefix();
   for (size_t b = 0; b < places_.size(); ++b) {
-    const std::string& name = model_.bodies[b].name;
-    places_[b].link = name.empty() ? -1 : tree_.find_link(name);
+    places_[b].link = link_of(model_.bodies[b].name);
     if (places_[b].link >= 0) place(b);
   }
   write_marks();

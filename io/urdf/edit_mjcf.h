@@ -36,7 +36,8 @@ struct EditedMjcf {
 /// those of their links, and sites that are called as links. Everything else stays byte for byte.
 /// Before it is returned it is read back, and the poses of these bodies are compared with the
 /// robot's at 20 postures, to 1e-9 m and rad. @throws InputError, also where the model is not that
-/// of the robot before the calibration (1e-4 m and rad: numbers in such models are rounded)
+/// of the robot before the calibration (2e-3 m and rad: numbers in such models are rounded). Names
+/// in the model may lack a prefix that the robot's have.
 EditedMjcf edit_mjcf(const std::string& text, const std::string& path, const CalibratedTree& robot);
 
 }  // namespace kincal

@@ -114,7 +114,7 @@ Matrix3d Reader::rotation(const pugi::xml_node& element) const {
     }
     return r;
   }
-  const auto unit = [&](Vector3d v) {
+  const auto unit = [&](const Vector3d& v) {
     if (!(v.norm() > 1e-10)) fail(xml, element, kind + ": an axis is zero");
     return Vector3d(v.normalized());
   };
