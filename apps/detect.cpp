@@ -48,6 +48,7 @@ int detect_all(const DetectArguments& a) {
   options.sigma = a.sigma;
   options.pose_format = a.pose_format;
   options.unit = a.unit;
+  options.words = {joint_names(a.map), angles_in_degrees(a.angles)};
   options.tolerance = a.tolerance;
   options.threads = a.threads > 0
                         ? a.threads

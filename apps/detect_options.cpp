@@ -18,14 +18,18 @@ void add_detect_options(CLI::App& command, DetectArguments& a) {
   command
       .add_option("--joints", a.joints,
                   "of images without samples: joint readings, a table with a header (image or "
-                  "time, and joints) or JSON lines")
+                  "time, and joints) or JSON lines; rows without either go with the images in "
+                  "their order")
       ->type_name("FILE");
   command
       .add_option("--pose-format", a.pose_format,
                   "the readings are a table of the flange's poses, as `kincal import --help` has "
-                  "the formats: xyzw, rpy, rotvec, abb, kuka, fanuc, ...")
+                  "the formats: xyzw, rpy, rotvec, abb, kuka, fanuc, zyz, ...")
       ->type_name("FORMAT");
   command.add_option("--unit", a.unit, "m or mm, of such a table");
+  command.add_option("--map", a.map, "a column that is called differently than its joint")
+      ->type_name("COLUMN=JOINT");
+  command.add_option("--angles", a.angles, "rad or deg, of joint readings (default: rad)");
   command
       .add_option("--tolerance", a.tolerance,
                   "s, between the time that an image's name is and that of its readings")

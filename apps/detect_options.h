@@ -8,7 +8,8 @@
 namespace kincal {
 
 struct DetectArguments {
-  std::string rig, input, out, sensor, joints, draw, pose_format, unit;
+  std::string rig, input, out, sensor, joints, draw, pose_format, unit, angles;
+  std::vector<std::string> map;
   double tolerance = 0.05;
   int threads = 0;  // 0: as many as there are processors
   bool sigma = false, force = false, quiet = false;

@@ -63,9 +63,10 @@ Command export_command(CLI::App& app) {
       ->allow_extra_args(false)
       ->type_name("NAME");
   command
-      ->add_option("--child", a->options.child,
-                   "of static_transforms, urdf and xacro: the frame of the sensor's driver that is "
-                   "to be placed, as camera_link")
+      ->add_option(
+          "--child", a->options.child,
+          "of static_transforms, urdf, xacro and poses: the frame of the sensor's driver that is "
+          "to be placed, as camera_link")
       ->type_name("LINK");
   command
       ->add_option("--known", a->options.known,
@@ -73,6 +74,10 @@ Command export_command(CLI::App& app) {
                    "roll pitch yaw\" or \"x y z qx qy qz qw\" (m, rad), or a link of the robot; "
                    "default: the sensor's link, where it hangs on LINK")
       ->type_name("POSE");
+  command
+      ->add_option("--pose-format", a->options.pose_format,
+                   "of poses: a convention of `kincal import`, as kuka, fanuc, abb, rotvec, xyzw")
+      ->type_name("FORMAT");
   command
       ->add_option(
           "--tip", a->options.tip,
@@ -106,6 +111,7 @@ Command export_command(CLI::App& app) {
       "  urdf, xacro         the same as links and joints; with --child that of a driver's frame\n"
       "  easy_handeye, easy_handeye2   their calibration file (.yaml; .calib), eye on hand or on "
       "base\n"
+      "  poses               the same as a table, in a controller's convention (--pose-format)\n"
       "  xacro_properties    origins of the joints: JOINT_xyz, JOINT_rpy\n"
       "  ros2_control        transmissions with the joints' offsets\n"
       "  ur_kinematics       kinematics of ur_description, for a robot of Universal Robots\n"

@@ -5,9 +5,12 @@
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
+#include "../../io/exchange/atom.h"
+#include "../../io/exchange/guess.h"
 #include "../../io/exchange/kalibr_target.h"
-#include "../../io/exchange/pose_samples.h"
+#include "../../io/exchange/measured.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/exchange/read_table.h"
 #include "../../io/recordings/bag_files.h"
 #include "../../io/recordings/record_command.h"
 #include "../../io/rig/types.h"
@@ -23,7 +26,8 @@ namespace {
 struct ImportArguments {
   std::vector<std::string> files;
   std::string file, rig, out, sensor, target;
-  std::string pose_format, unit, setup;  // of poses
+  std::vector<std::string> target_poses, map;
+  std::string pose_format, unit, target_format, target_unit, setup, angles;  // of tables
   LensChoice lens;
   SettlingArguments settling;
   std::vector<CLI::Option*> settling_options;
@@ -133,8 +137,8 @@ int import_poses(const ImportArguments& a) {
   return kConverged;
 }
 
-/// The samples of a hand-eye program as a folder with a rig and samples.
-int import_hand_eye(const ImportArguments& a) {
+/// Whether the camera is on the flange. @throws InputError
+bool camera_in_hand(const ImportArguments& a) {
   const Names hand = {"eye_in_hand", "eye_on_hand"},
               world = {"eye_to_hand", "eye_on_base", "eye_to_base"};
   const bool in_hand = std::count(hand.begin(), hand.end(), a.setup) > 0;
@@ -147,26 +151,88 @@ int import_hand_eye(const ImportArguments& a) {
                     "--setup eye_to_hand (the camera stands beside the robot, the board is on the "
                     "flange), such as: kincal import ") +
         a.file + " --setup eye_in_hand --out " + (a.out.empty() ? "hand_eye" : a.out));
+  return in_hand;
+}
+
+/// Pairs of poses as a folder with a rig and samples: of a hand-eye program's file, of one file
+/// that has both, or of the flange's files and the measured ones.
+int import_pairs(const ImportArguments& a, bool hand_eye) {
+  const bool in_hand = camera_in_hand(a);
   if (a.out.empty())
     throw InputError(
         "--out is missing: the folder for rig.yaml and samples.jsonl, such as --out "
         "hand_eye");
-  const HandEyeFiles files = read_hand_eye(a.file, in_hand);
+  if (!a.rig.empty())
+    throw InputError("--rig: pairs of poses get a rig of their own, in the folder --out");
+  const PoseWords flange{a.pose_format, a.unit},
+      measured{a.target_format.empty() && a.target_poses.empty() ? a.pose_format : a.target_format,
+               a.target_unit.empty() && a.target_format.empty() ? a.unit : a.target_unit};
+  std::vector<PosePair> pairs;
+  Notes notes;
+  std::string note;
+  if (hand_eye) {
+    pairs = read_hand_eye(a.file, in_hand);
+  } else if (a.target_poses.empty()) {
+    const std::vector<Table> tables = read_tables(a.file);
+    if (a.files.size() > 1 || !has_pairs(tables))
+      throw InputError(a.file + ": one pose in each row; the measured poses are expected in " +
+                       "files of their own: --target-poses FILE...");
+    pairs = pairs_of(tables, flange, measured, note);
+  } else {
+    const PoseWords other =
+        a.target_format.empty() ? PoseWords{a.pose_format, measured.unit} : measured;
+    const std::vector<FlangePose> poses = read_poses(a.files, flange, "--pose-format");
+    pairs = pair_poses(poses, read_poses(a.target_poses, other, "--target-format"), note);
+  }
+  if (!note.empty()) std::cerr << "kincal: note: " << note << "\n";
+  std::vector<Pose> all;
+  for (const PosePair& pair : pairs) {
+    all.push_back(pair.base_T_flange);
+    all.push_back(pair.sensor_T_target);
+  }
+  if (const std::string doubt = doubt_of_unit(a.file, all); !doubt.empty()) print_notes({doubt});
+  const HandEyeFiles files = hand_eye_files(a.file, pairs, in_hand);
   begin_writing();
   write_directory(a.out, {{"rig.yaml", files.rig_yaml}, {"samples.jsonl", files.samples_jsonl}},
                   a.force, nullptr);
-  std::cout << "Written to " << a.out << ": rig.yaml (look for GUESS in it) and " << files.count
+  std::cout << "Written to " << a.out << ": rig.yaml (look for GUESS in it) and " << pairs.size()
             << " samples; next: kincal calibrate " << a.out << "/rig.yaml " << a.out
             << "/samples.jsonl --out result\n";
+  return kConverged;
+}
+
+/// A table of what was measured, or a data set of ATOM, as samples of a rig.
+int import_measured(const ImportArguments& a, bool atom) {
+  const RigFile rig = read_rig(a.rig);
+  Notes notes;
+  const std::string text =
+      atom ? atom_lines(a.file, rig.rig, notes)
+           : measured_lines(a.file, rig.rig,
+                            {a.sensor,
+                             a.target,
+                             {joint_names(a.map), angles_in_degrees(a.angles)},
+                             {a.pose_format, a.unit},
+                             {a.target_format, a.target_unit.empty() ? a.unit : a.target_unit}},
+                            notes);
+  for (const std::string& note : notes) std::cerr << "kincal: note: " << note << "\n";
+  if (a.out.empty()) {
+    std::cout << text;
+    return kConverged;
+  }
+  begin_writing();
+  write_file(a.out, text, a.force);
+  std::cout << "Written to " << a.out << ": " << std::count(text.begin(), text.end(), '\n')
+            << " samples\n";
   return kConverged;
 }
 
 /// Recordings are read by a program of its own, which has the libraries for that.
 [[noreturn]] void import_bags(const ImportArguments& a, std::vector<std::string> arguments) {
   bool others = a.lens.rectified || a.lens.fisheye;
-  for (const std::string* option :
-       {&a.sensor, &a.target, &a.pose_format, &a.unit, &a.setup, &a.lens.camera})
+  for (const std::string* option : {&a.sensor, &a.target, &a.pose_format, &a.unit, &a.setup,
+                                    &a.lens.camera, &a.angles, &a.target_format, &a.target_unit})
     others = others || !option->empty();
+  others = others || !a.map.empty() || !a.target_poses.empty();
   if (others)
     throw InputError(
         a.files[0] +
@@ -227,25 +293,40 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
     if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
     import_bags(a, arguments);
   }
-  refuse_broken_bag(a.files[0]);
-  if (a.files.size() > 1)
-    throw InputError(a.files[0] + " is no recording: one such file at a time");
-  if (a.list) throw InputError(a.files[0] + ": --list is for recordings (bags)");
+  for (const std::string& file : a.files) refuse_broken_bag(file);
+  a.file = a.files[0];
+  if (a.list) throw InputError(a.file + ": --list is for recordings (bags)");
   for (const CLI::Option* option : a.settling_options)
     if (option->count() > 0)
-      throw InputError(a.files[0] + ": " + option->get_name() + " is for recordings (bags)");
-  a.file = a.files[0];
-  const bool hand_eye = a.pose_format.empty() && is_hand_eye(a.file);
-  if (hand_eye || !a.pose_format.empty()) {
-    if (!a.rig.empty()) throw InputError("--rig: samples go into a file of their own: --out");
-    if (!a.out.empty()) {
-      say_cleared(clear_leftovers(a.out));
-      if (hand_eye)
-        check_output(a.out, a.force);
-      else
-        check_output_file(a.out, a.force);
-    }
-    return hand_eye ? import_hand_eye(a) : import_poses(a);
+      throw InputError(a.file + ": " + option->get_name() + " is for recordings (bags)");
+  const bool alone = a.rig.empty() && a.out.empty() && a.setup.empty() && a.pose_format.empty() &&
+                     a.target_poses.empty();
+  if (alone && (a.files.size() > 1 || is_table(a.file))) {
+    std::cout << guess_text(a.files);
+    return kConverged;
+  }
+  if (a.files.size() > 1 && a.target_poses.empty())
+    throw InputError(a.file +
+                     ": of several files that are no recordings, each has one pose of the flange; "
+                     "the measured poses are expected too: --target-poses FILE...");
+  if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
+  const bool hand_eye = a.pose_format.empty() && a.target_poses.empty() && is_hand_eye(a.file);
+  if (hand_eye || !a.target_poses.empty() || !a.setup.empty()) {
+    if (!a.out.empty()) check_output(a.out, a.force);
+    return import_pairs(a, hand_eye);
+  }
+  const bool atom = is_atom(a.file);
+  if (atom && a.rig.empty())
+    throw InputError(a.file +
+                     " is a data set of ATOM: a rig with the same names of sensors and "
+                     "patterns is needed: --rig RIG");
+  if (!a.rig.empty() && (atom || is_table(a.file))) {
+    if (!a.out.empty()) check_output_file(a.out, a.force);
+    return import_measured(a, atom);
+  }
+  if (!a.pose_format.empty()) {
+    if (!a.out.empty()) check_output_file(a.out, a.force);
+    return import_poses(a);
   }
   if (a.rig.empty() != a.out.empty())
     throw InputError(a.rig.empty()
@@ -253,12 +334,54 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
                            "keys are printed"
                          : "--out: the file for the changed rig is needed; it may be the same as "
                            "--rig, with --force");
-  if (!a.out.empty()) {
-    say_cleared(clear_leftovers(a.out));
-    check_output_file(a.out, a.force);
-  }
+  if (!a.out.empty()) check_output_file(a.out, a.force);
   if (!a.target.empty() || is_kalibr_target(a.file)) return import_target(a);
   return import_camera(a);
+}
+
+/// How each pose format has its numbers, a line each.
+std::string format_lines() {
+  std::string formats;
+  for (const PoseFormat& format : pose_formats()) {
+    std::string line = "\n  " + format.name;
+    line.resize(13, ' ');
+    for (const std::string& column : format.columns)
+      if (format.columns.size() < 12) line += column + " ";
+    line.resize(std::max<size_t>(line.size(), 36), ' ');
+    formats += line + format.about;
+  }
+  return formats;
+}
+
+void add_table_options(CLI::App& command, ImportArguments& a) {
+  command
+      .add_option("--pose-format", a.pose_format,
+                  "FILE is a table of the flange's poses, as below; with --sensor and --target "
+                  "they become samples with images, without them readings for `kincal detect "
+                  "--joints`")
+      ->type_name("FORMAT");
+  command.add_option("--unit", a.unit, "m or mm, where lengths are not as below");
+  command
+      .add_option("--target-poses", a.target_poses,
+                  "files of the poses of the board in the camera (of the reflector in the "
+                  "tracker), as many as of the flange: pairs")
+      ->type_name("FILE");
+  command
+      .add_option("--target-format", a.target_format,
+                  "the format of the measured poses, where it is another than --pose-format")
+      ->type_name("FORMAT");
+  command.add_option("--target-unit", a.target_unit, "m or mm, of what was measured");
+  command
+      .add_option("--map", a.map,
+                  "of tables: a column that is called differently than its joint (or than x, y, "
+                  "z, image, time, id)")
+      ->type_name("COLUMN=JOINT");
+  command.add_option("--angles", a.angles, "of tables: rad or deg, of joint readings");
+  command
+      .add_option("--setup", a.setup,
+                  "of samples of poses: eye_in_hand (the camera is on the flange) or eye_to_hand "
+                  "(beside the robot)")
+      ->type_name("WHERE");
 }
 
 }  // namespace
@@ -272,8 +395,9 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
       ->add_option("FILE", a->files,
                    "recordings (ROS 1 bags, MCAP, SQLite files and folders of rosbag2); or one of: "
                    "camera_info YAML or message (ROS), camera YAML or XML (OpenCV), camchain or "
-                   "target YAML (Kalibr), samples of poses (easy_handeye, MoveIt), a table of the "
-                   "flange's poses (CSV, with --pose-format)")
+                   "target YAML (Kalibr), samples of poses (easy_handeye, MoveIt), a data set of "
+                   "ATOM, poses of the flange or readings of joints (tables, arrays of numpy, "
+                   "matrices, lists in YAML or JSON; alone: says what it seems to be)")
       ->required();
   command->add_option("--rig", a->rig,
                       "the rig that gets the numbers; without it they are printed");
@@ -292,27 +416,7 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
                     "of K and D");
   command->add_flag("--fisheye", a->lens.fisheye,
                     "four numbers of distortion are those of OpenCV's fisheye");
-  std::string formats;
-  for (const PoseFormat& format : pose_formats()) {
-    std::string line = "\n  " + format.name;
-    line.resize(13, ' ');
-    for (const std::string& column : format.columns)
-      if (format.columns.size() < 12) line += column + " ";
-    line.resize(std::max<size_t>(line.size(), 36), ' ');
-    formats += line + format.about;
-  }
-  command
-      ->add_option("--pose-format", a->pose_format,
-                   "FILE is a table of the flange's poses, as below; with --sensor and --target "
-                   "they become samples with images, without them readings for `kincal detect "
-                   "--joints`")
-      ->type_name("FORMAT");
-  command->add_option("--unit", a->unit, "m or mm, where lengths are not as below");
-  command
-      ->add_option("--setup", a->setup,
-                   "of samples of poses: eye_in_hand (the camera is on the flange) or eye_to_hand "
-                   "(beside the robot)")
-      ->type_name("WHERE");
+  add_table_options(*command, *a);
   command->add_option("--out", a->out,
                       "the rig, or the samples, to write; of samples of poses a new folder for "
                       "both");
@@ -332,11 +436,17 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
       "  kincal import april_6x6.yaml --rig rig.yaml --target board --out new_rig.yaml\n"
       "  kincal import poses.csv --pose-format kuka --sensor camera --target board --out "
       "samples.jsonl\n"
+      "  kincal import poses.csv                                          what it seems to be\n"
+      "  kincal import flange.csv --pose-format kuka --target-poses board.csv --target-format "
+      "rotvec \\\n"
+      "      --setup eye_in_hand --out hand_eye\n"
+      "  kincal import log.csv --rig rig.yaml --sensor tracker --target ball --map A1=joint_1 "
+      "--angles deg --out samples.jsonl\n"
       "  kincal import my_calibration.samples --setup eye_in_hand --out hand_eye\n"
       "  kincal import recording.bag --list                               topics, rates, gaps\n"
       "  kincal import recording.bag --rig rig.yaml --out samples.jsonl   a sample of each rest\n"
       "Pose formats (the columns in this order, or as the header names them):" +
-      formats +
+      format_lines() +
       "\n"
       "The rig keeps its text and comments but for these keys. `kincal export` writes such files. "
       "Exit codes: 0 written; 1 bad\n"

@@ -150,30 +150,36 @@ const Names& robot_formats() {
   return formats;
 }
 
-bool is_one_of(const Names& names, const std::string& name) {
+bool is_among(const Names& names, const std::string& name) {
   return std::count(names.begin(), names.end(), name) > 0;
 }
 
 /// Refuses options that the format has no use for.
 void check_options(const ExportOptions& o) {
-  if (!is_one_of(export_formats(), o.format))
+  if (!is_among(export_formats(), o.format))
     throw InputError("--as: unknown format '" + o.format + "'" +
                      nearest_names(o.format, export_formats()) +
                      "; valid: " + comma_separated(export_formats()));
   const auto only_of = [&](const std::string& option, bool given, const Names& formats) {
-    if (given && !is_one_of(formats, o.format))
+    if (given && !is_among(formats, o.format))
       throw InputError(option + ": is of the formats " + comma_separated(formats));
   };
   only_of("--child", !o.child.empty(), mount_formats());
   only_of("--known", !o.known.empty(), mount_formats());
+  only_of("--pose-format", !o.pose_format.empty(), {"poses"});
   only_of("--tip", !o.tip.empty(), {"dh", "modified_dh"});
   only_of("--prefix", !o.prefix.empty(), {"ur_kinematics"});
   only_of("--from", !o.from.empty(), {"ur_kinematics", "lerobot"});
   only_of("--motors", o.motors != "feetech", {"lerobot"});
-  if (is_one_of(robot_formats(), o.format) && !o.sensors.empty())
+  if (is_among(robot_formats(), o.format) && !o.sensors.empty())
     throw InputError("--sensor: " + o.format + " has no sensors");
   if (o.child.empty() && !o.known.empty())
     throw InputError("--known: says where the sensor is in the link of --child, which is missing");
+  if (o.format == "poses" && o.pose_format.empty()) {
+    Names names;
+    for (const PoseFormat& one : pose_formats()) names.push_back(one.name);
+    throw InputError("--pose-format is missing: one of " + comma_separated(names));
+  }
   if (o.format == "lerobot" && o.from.empty())
     throw InputError("--from is missing: LeRobot's calibration file, which gets other offsets");
 }
@@ -226,8 +232,8 @@ ExportedFile export_robot(const RobotNumbers& robot, const ExportOptions& o) {
 
 const Names& export_formats() {
   static const Names formats = [] {
-    Names out = {"camera_info", "opencv", "kalibr",       "static_transforms",
-                 "urdf",        "xacro",  "easy_handeye", "easy_handeye2"};
+    Names out = {"camera_info", "opencv", "kalibr",       "static_transforms", "urdf",
+                 "xacro",       "poses",  "easy_handeye", "easy_handeye2"};
     out.insert(out.end(), robot_formats().begin(), robot_formats().end());
     return out;
   }();
@@ -237,17 +243,18 @@ const Names& export_formats() {
 ExportedFile export_calibrated(const CalibratedFiles& files, const ExportOptions& o) {
   const std::string& format = o.format;
   check_options(o);
-  if (is_one_of(robot_formats(), format)) return export_robot(robot_numbers(files), o);
+  if (is_among(robot_formats(), format)) return export_robot(robot_numbers(files), o);
   const Rig& rig = files.rig_file.rig;
   check_sensors(rig, o.sensors);
   ExportedFile out;
-  if (is_one_of(mount_formats(), format)) {
-    out.text = mounts_text(
+  if (is_among(mount_formats(), format)) {
+    const std::vector<Mount> mounts =
         o.child.empty()
-            ? mounts_of(rig, o.sensors, out.notes)
+            ? mounts_of(rig, o.sensors, format == "poses", out.notes)
             : std::vector<Mount>{driver_mount(
-                  rig, only_sensor(posed_sensors(rig, o.sensors), "--child"), o.child, o.known)},
-        format);
+                  rig, only_sensor(posed_sensors(rig, o.sensors), "--child"), o.child, o.known)};
+    out.text = format == "poses" ? poses_text(mounts, pose_format(o.pose_format))
+                                 : mounts_text(mounts, format);
   } else if (format == "easy_handeye" || format == "easy_handeye2") {
     const Sensor& sensor = only_sensor(posed_sensors(rig, o.sensors), format);
     const HandEye it = hand_eye(rig, sensor);

@@ -7,6 +7,7 @@
 
 #include "../document/error.h"
 #include "../document/files.h"
+#include "../document/json.h"
 #include "../document/kinds.h"
 #include "../document/yaml.h"
 #include "../urdf/xml.h"
@@ -79,12 +80,18 @@ Node foreign_node(const Xml& xml, const pugi::xml_node& element, int line) {
 
 Node read_foreign(const std::string& path) {
   const std::string text = read_file(path);
+  if (const size_t begin = text.find_first_not_of(" \t\r\n");
+      begin != std::string::npos && text[begin] != '<')
+    refuse_other_kinds(text, path, Wanted::foreign);
+  return read_any_tree(path);
+}
+
+Node read_any_tree(const std::string& path) {
+  const std::string text = read_file(path);
   const size_t begin = text.find_first_not_of(" \t\r\n");
   if (begin == std::string::npos) throw InputError(path + ": the file is empty");
-  if (text[begin] != '<') {
-    refuse_other_kinds(text, path, Wanted::foreign);
-    return foreign_yaml(text, path);
-  }
+  if (text[begin] == '[' || text[begin] == '{') return parse_json(text, path);
+  if (text[begin] != '<') return foreign_yaml(text, path);
   Xml xml{text, path};
   const pugi::xml_node top = load_document(xml);
   if (std::strcmp(top.name(), "opencv_storage") != 0)

@@ -12,4 +12,7 @@ namespace kincal {
 /// @throws InputError
 Node read_foreign(const std::string& path);
 
+/// Likewise, of any YAML, JSON or XML of OpenCV: whatever kind of file it looks like.
+Node read_any_tree(const std::string& path);
+
 }  // namespace kincal

@@ -6,6 +6,7 @@
 #include "../document/error.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "../results/csv.h"
 #include "../results/mount_texts.h"
 #include "../rig/types.h"
 
@@ -14,10 +15,13 @@ namespace {
 
 /// What sensors and targets have in common of this.
 template <class T>
-Mount mount_of(const Rig& rig, const T& thing, const Pose& pose, const Names& taken) {
+Mount mount_of(const Rig& rig, const T& thing, const Pose& pose, const Names& taken, bool frames) {
   const Tree& tree = rig.tree;
   if (thing.mount_joint >= 0) {
     const Joint& joint = tree.joints[thing.mount_joint];
+    if (frames)
+      return {thing.name, tree.links[joint.parent], thing.name, "",
+              *fixed_pose(tree, joint.parent, thing.link) * pose};
     return {thing.name, tree.links[joint.parent], tree.links[joint.child],
             joint.name, joint.parent_T_joint,     true,
             false};
@@ -141,14 +145,14 @@ std::optional<Pose> fixed_pose(const Tree& tree, int a, int b) {
   return a_T_top * inverse(b_T_top);
 }
 
-std::vector<Mount> mounts_of(const Rig& rig, const Names& sensors,
+std::vector<Mount> mounts_of(const Rig& rig, const Names& sensors, bool frames,
                              std::vector<std::string>& notes) {
   std::vector<Mount> out;
   const auto add = [&](const auto& thing, const Pose& pose, const std::string& kind) {
     Names taken;
     for (const Mount& m : out) taken.push_back(m.child);
     if (thing.pose_given)
-      out.push_back(mount_of(rig, thing, pose, taken));
+      out.push_back(mount_of(rig, thing, pose, taken, frames));
     else
       notes.push_back(kind + thing.name +
                       " is left away: its pose is not in the rig. Export a result of `kincal "
@@ -196,8 +200,19 @@ Mount driver_mount(const Rig& rig, const Sensor& sensor, const std::string& chil
 }
 
 const Names& mount_formats() {
-  static const Names formats = {"static_transforms", "urdf", "xacro"};
+  static const Names formats = {"static_transforms", "urdf", "xacro", "poses"};
   return formats;
+}
+
+std::string poses_text(const std::vector<Mount>& mounts, const PoseFormat& format) {
+  std::string out = "id,in";
+  for (const std::string& column : format.columns) out += "," + column;
+  for (const Mount& m : mounts) {
+    out += "\n" + csv_field(m.of) + "," + csv_field(m.parent);
+    for (const double number : numbers_of_pose(format, m.parent_T_child))
+      out += "," + shortest(number);
+  }
+  return out + "\n";
 }
 
 std::string mounts_text(const std::vector<Mount>& mounts, const std::string& format) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "../rig/rig_file.h"
+#include "poses.h"
 
 namespace kincal {
 
@@ -24,8 +25,10 @@ struct Mount {
 };
 
 /// Returns the mounts of the sensors of these names, of no names of all sensors and mounted
-/// targets; `notes` say which are left away. @throws InputError if there is none
-std::vector<Mount> mounts_of(const Rig& rig, const std::vector<std::string>& sensors,
+/// targets; `notes` say which are left away. Of what a joint of the robot places it is that joint;
+/// with `frames` the sensor's or target's own frame below the joint's parent. @throws InputError if
+/// there is none
+std::vector<Mount> mounts_of(const Rig& rig, const std::vector<std::string>& sensors, bool frames,
                              std::vector<std::string>& notes);
 
 /// Returns the mount of a sensor's driver, whose own frame `child` is another than the sensor's.
@@ -35,8 +38,12 @@ std::vector<Mount> mounts_of(const Rig& rig, const std::vector<std::string>& sen
 Mount driver_mount(const Rig& rig, const Sensor& sensor, const std::string& child,
                    const std::string& known);
 
-/// Both return the mounts as text: `static_transforms`, `urdf` or `xacro`.
+/// The formats of mounts; the text is that of all but `poses`.
 const std::vector<std::string>& mount_formats();
 std::string mounts_text(const std::vector<Mount>& mounts, const std::string& format);
+
+/// Returns the mounts as a table (CSV) of poses in one of pose_formats(): id, in (the link) and its
+/// columns.
+std::string poses_text(const std::vector<Mount>& mounts, const PoseFormat& format);
 
 }  // namespace kincal

@@ -4,13 +4,11 @@
 #include <cctype>
 #include <cmath>
 #include <filesystem>
-#include <sstream>
 
 #include "../document/error.h"
-#include "../document/files.h"
-#include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "read_table.h"
 
 namespace kincal {
 namespace {
@@ -22,21 +20,16 @@ constexpr double kRound = 1e-2;         // how far from a rotation rounded numbe
 using Row = std::vector<double>;
 using Cells = std::vector<std::string>;
 
-Matrix3d from_xyzw(const Row& n) { return rotation_from_quaternion({n[3], n[4], n[5], n[6]}); }
-Matrix3d from_wxyz(const Row& n) { return rotation_from_quaternion({n[4], n[5], n[6], n[3]}); }
-Matrix3d from_rpy(const Row& n) { return rotation_from_rpy(Vector3d(n[3], n[4], n[5])); }
-Matrix3d from_rotation_vector(const Row& n) { return exp_so3(Vector3d(n[3], n[4], n[5])); }
-/// Both turn by fixed x, then y, then z, in degrees: Rz Ry Rx.
-Matrix3d from_x_y_z_degrees(const Row& n) {
-  return rotation_from_rpy(kDegree * Vector3d(n[3], n[4], n[5]));
-}
-Matrix3d from_z_y_x_degrees(const Row& n) {
-  return rotation_from_rpy(kDegree * Vector3d(n[5], n[4], n[3]));
-}
 Matrix3d from_matrix(const Row& n) {
   Matrix3d r;
   r << n[0], n[1], n[2], n[4], n[5], n[6], n[8], n[9], n[10];
   return r;
+}
+
+bool is_rigid(const Row& n) {
+  const Matrix3d r = from_matrix(n);
+  const bool last = n.size() == 12 || (n[12] == 0 && n[13] == 0 && n[14] == 0 && n[15] == 1);
+  return last && (r * r.transpose()).isIdentity(kRound) && r.determinant() > 0;
 }
 
 Cells matrix_columns() {
@@ -46,58 +39,56 @@ Cells matrix_columns() {
   return out;
 }
 
-bool in_degrees(const PoseFormat& format) {
-  return format.rotation == from_x_y_z_degrees || format.rotation == from_z_y_x_degrees;
-}
 bool is_quaternion(const PoseFormat& format) {
-  return format.rotation == from_xyzw || format.rotation == from_wxyz;
+  return format.turn == PoseFormat::Turn::xyzw || format.turn == PoseFormat::Turn::wxyz;
+}
+
+/// The rotation of a row behind x y z.
+Matrix3d rotation_of(const PoseFormat& format, const Row& n) {
+  if (format.turn == PoseFormat::Turn::xyzw)
+    return rotation_from_quaternion({n[3], n[4], n[5], n[6]});
+  if (format.turn == PoseFormat::Turn::wxyz)
+    return rotation_from_quaternion({n[4], n[5], n[6], n[3]});
+  return angle_convention(format.angles).rotation(format.angle * Vector3d(n[3], n[4], n[5]));
 }
 
 // ------------------------------------------------------------------------------------------------
 // tables
-std::string lower(std::string text) {
-  for (char& c : text)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return text;
-}
-
-/// Cells between semicolons, tabs, commas or blanks, whichever of these the line has first. A pose
-/// as robots of Universal Robots write it, p[x, y, z, rx, ry, rz], is its numbers.
-Cells cells_of_line(std::string line) {
-  if (!line.empty() && line.back() == '\r') line.pop_back();
-  if (const size_t p = line.find("p["); p != std::string::npos && line.back() == ']') {
-    line.erase(p, 2);
-    line.pop_back();
-  }
-  char separator = ' ';
-  for (const char c : {',', '\t', ';'})  // the last of these: commas may be decimal ones
-    if (line.find(c) != std::string::npos) separator = c;
-  Cells cells;
-  std::istringstream in(line);
-  for (std::string cell; std::getline(in, cell, separator);) {
-    const size_t begin = cell.find_first_not_of(" \t\""), end = cell.find_last_not_of(" \t\"");
-    if (begin != std::string::npos)
-      cells.push_back(cell.substr(begin, end - begin + 1));
-    else if (separator != ' ')
-      cells.emplace_back();
-  }
-  return cells;
-}
-
-bool is_header(const Cells& cells) {
-  double ignored = 0;
-  return std::none_of(cells.begin(), cells.end(), [&](std::string cell) {
-    std::replace(cell.begin(), cell.end(), ',', '.');  // a decimal comma
-    return read_number(cell, ignored);
-  });
-}
-
 /// Which column of a table has what; -1: none has it.
 struct PoseColumns {
-  size_t count = 0;
   int id = -1, image = -1, time = -1;
-  std::vector<int> numbers;  // of the format, in its order
+  std::vector<int> others;
 };
+
+PoseColumns columns_of(const Table& table) {
+  PoseColumns out;
+  for (size_t i = 0; i < table.header.size(); ++i) {
+    const std::string name = lower_case(table.header[i]);
+    const int at = static_cast<int>(i);
+    if (name == "id" || name == "name")
+      out.id = at;
+    else if (name == "image" || name == "file" || name == "filename")
+      out.image = at;
+    else if (name == "time" || name == "timestamp" || name == "stamp")
+      out.time = at;
+    else
+      out.others.push_back(at);
+  }
+  return out;
+}
+
+/// The columns of a format in a header by their names, each with something in front of it ("" of
+/// the flange's; "m" of mx, my, ...): -1 where there is none.
+std::vector<int> named_columns(const Table& table, const PoseFormat& format,
+                               const std::string& prefix) {
+  std::vector<int> out;
+  for (const std::string& column : format.columns) {
+    const int at = column_of(table, prefix + column);
+    if (at < 0) return {};
+    out.push_back(at);
+  }
+  return out;
+}
 
 /// The format whose columns these are, in whatever order; null: none.
 const PoseFormat* format_of(Cells names) {
@@ -110,54 +101,45 @@ const PoseFormat* format_of(Cells names) {
   return nullptr;
 }
 
-PoseColumns columns_of_header(const Cells& header, const PoseFormat& format,
-                              const std::string& where) {
-  PoseColumns out;
-  out.count = header.size();
-  std::vector<int> others;
-  for (size_t i = 0; i < header.size(); ++i) {
-    const std::string name = lower(header[i]);
-    const int at = static_cast<int>(i);
-    if (name == "id" || name == "name")
-      out.id = at;
-    else if (name == "image" || name == "file" || name == "filename")
-      out.image = at;
-    else if (name == "time" || name == "timestamp" || name == "stamp")
-      out.time = at;
-    else
-      others.push_back(at);
-  }
-  for (const std::string& column : format.columns)
-    for (int i : others)
-      if (lower(header[i]) == column) out.numbers.push_back(i);
-  Cells names;
-  for (int i : others) names.push_back(lower(header[i]));
-  if (out.numbers.size() != format.columns.size()) {
-    if (const PoseFormat* other = format_of(names))
-      throw InputError(where + ": the columns " + comma_separated(names) + " are those of " +
-                       "--pose-format " + other->name + ", not of " + format.name + " (its are " +
-                       comma_separated(format.columns) + ")");
-    out.numbers = others;  // by their order
-  }
-  if (out.numbers.size() != format.columns.size())
-    throw InputError(where + ": --pose-format " + format.name + " needs the columns " +
-                     comma_separated(format.columns) + " (beside id, image, time); there are " +
-                     comma_separated(header));
-  return out;
+/// UR's recorder of real-time data names the columns of a flange's pose so.
+constexpr const char* kTcpPose = "actual_TCP_pose_";
+
+std::vector<int> recorded_by_ur(const Table& table) {
+  std::vector<int> out;
+  for (int i = 0; i < 6; ++i) out.push_back(column_of(table, kTcpPose + std::to_string(i)));
+  return std::count(out.begin(), out.end(), -1) > 0 ? std::vector<int>() : out;
 }
 
-PoseColumns columns_without_header(size_t cells, const PoseFormat& format,
-                                   const std::string& where) {
+/// Columns of numbers that are no pose by their names, so by their order, if they are as many.
+std::vector<int> columns_by_order(const Table& table, const PoseFormat& format,
+                                  const PoseColumns& columns) {
+  const std::string where = table.where;
   const size_t needed = format.columns.size();
-  if (cells != needed && cells != needed + 1)
-    throw InputError(where + ": --pose-format " + format.name + " needs " + std::to_string(needed) +
-                     " numbers in a row (" + comma_separated(format.columns) +
-                     "), or a name and these; there are " + std::to_string(cells) + " cells");
-  PoseColumns out;
-  out.count = cells;
-  if (cells == needed + 1) out.id = 0;
-  for (size_t i = cells - needed; i < cells; ++i) out.numbers.push_back(static_cast<int>(i));
-  return out;
+  if (table.header.empty()) {
+    const size_t cells = table.columns();
+    const size_t least = format.turn == PoseFormat::Turn::matrix ? needed - 4 : needed;  // 3 x 4
+    const size_t numbers = cells == least || cells == least + 1 ? least : needed;
+    if (cells != numbers && cells != numbers + 1)
+      throw InputError(where + ": --pose-format " + format.name + " needs " +
+                       std::to_string(needed) + " numbers in a row (" +
+                       comma_separated(format.columns) + "), or a name and these; there are " +
+                       std::to_string(cells) + " cells");
+    std::vector<int> out;
+    for (size_t i = cells - numbers; i < cells; ++i) out.push_back(static_cast<int>(i));
+    return out;
+  }
+  Cells names;
+  for (const int i : columns.others) names.push_back(lower_case(table.header[i]));
+  const PoseFormat* other = format_of(names);
+  if (other)
+    throw InputError(where + ": the columns " + comma_separated(names) + " are those of " +
+                     "--pose-format " + other->name + ", not of " + format.name + " (its are " +
+                     comma_separated(format.columns) + ")");
+  if (columns.others.size() != needed)
+    throw InputError(where + ": --pose-format " + format.name + " needs the columns " +
+                     comma_separated(format.columns) + " (beside id, image, time); there are " +
+                     comma_separated(table.header));
+  return columns.others;
 }
 
 /// img_001.png, not 1.5.
@@ -166,48 +148,79 @@ bool is_file_name(const std::string& text) {
   return end.size() > 1 && std::isalpha(static_cast<unsigned char>(end[1]));
 }
 
-double number_of_cell(const std::string& text, const std::string& where) {
-  double value = 0;
-  if (!read_number(text, value))
-    throw InputError(where + ": a finite number is expected, not '" + text + "'" +
-                     (text.find(',') != std::string::npos ? "; write a point, not a comma" : ""));
-  return value;
-}
-
 }  // namespace
 
 const std::vector<PoseFormat>& pose_formats() {
+  using Turn = PoseFormat::Turn;
+  const Angles rpy = Angles::roll_pitch_yaw, vector = Angles::rotation_vector;
   static const std::vector<PoseFormat> formats = {
-      {"xyzw", {"x", "y", "z", "qx", "qy", "qz", "qw"}, 1, "m and a quaternion (ROS)", from_xyzw},
-      {"wxyz", {"x", "y", "z", "qw", "qx", "qy", "qz"}, 1, "m and a quaternion", from_wxyz},
+      {"xyzw", {"x", "y", "z", "qx", "qy", "qz", "qw"}, 1, "m and a quaternion (ROS)", Turn::xyzw},
+      {"wxyz", {"x", "y", "z", "qw", "qx", "qy", "qz"}, 1, "m and a quaternion", Turn::wxyz},
       {"rpy",
        {"x", "y", "z", "roll", "pitch", "yaw"},
        1,
        "m, rad: Rz(yaw) Ry(pitch) Rx(roll)",
-       from_rpy},
+       Turn::angles,
+       rpy},
       {"rpy_deg",
        {"x", "y", "z", "roll", "pitch", "yaw"},
        1,
        "the same in m and degrees",
-       from_x_y_z_degrees},
+       Turn::angles,
+       rpy,
+       kDegree},
       {"rotvec",
        {"x", "y", "z", "rx", "ry", "rz"},
        1,
        "m, rad: a rotation vector (Universal Robots)",
-       from_rotation_vector},
-      {"abb", {"x", "y", "z", "q1", "q2", "q3", "q4"}, 0.001, "mm, quaternion w x y z", from_wxyz},
+       Turn::angles,
+       vector},
+      {"rotvec_deg",
+       {"x", "y", "z", "rx", "ry", "rz"},
+       1,
+       "the same in m and degrees",
+       Turn::angles,
+       vector,
+       kDegree},
+      {"abb", {"x", "y", "z", "q1", "q2", "q3", "q4"}, 0.001, "mm, quaternion w x y z", Turn::wxyz},
       {"kuka",
        {"x", "y", "z", "a", "b", "c"},
        0.001,
        "mm, degrees: Rz(A) Ry(B) Rx(C)",
-       from_z_y_x_degrees},
+       Turn::angles,
+       Angles::a_b_c,
+       kDegree},
       {"fanuc",
        {"x", "y", "z", "w", "p", "r"},
        0.001,
        "mm, degrees: Rz(R) Ry(P) Rx(W)",
-       from_x_y_z_degrees},
-      {"matrix", matrix_columns(), 1, "m: the 16 numbers of a 4 x 4 matrix, row after row",
-       from_matrix}};
+       Turn::angles,
+       rpy,
+       kDegree},
+      {"yaskawa",
+       {"x", "y", "z", "rx", "ry", "rz"},
+       0.001,
+       "mm, degrees: Rz(RZ) Ry(RY) Rx(RX)",
+       Turn::angles,
+       rpy,
+       kDegree},
+      {"zyz",
+       {"x", "y", "z", "a", "b", "c"},
+       0.001,
+       "mm, degrees: Rz(A) Ry(B) Rz(C) (Doosan; Kawasaki: O A T; Comau)",
+       Turn::angles,
+       Angles::z_y_z,
+       kDegree},
+      {"staubli",
+       {"x", "y", "z", "rx", "ry", "rz"},
+       0.001,
+       "mm, degrees: Rx(RX) Ry(RY) Rz(RZ), about axes that move along",
+       Turn::angles,
+       Angles::moving_x_y_z,
+       kDegree},
+      {"matrix", matrix_columns(), 1,
+       "m: the 16 (or 12) numbers of a 4 x 4 matrix, row after row, or rows of 4 below each other",
+       Turn::matrix}};
   return formats;
 }
 
@@ -231,18 +244,17 @@ Pose pose_of_matrix(const std::vector<double>& n, const std::string& where) {
   if (n.size() != 16 && n.size() != 12)
     throw InputError(where + ": the 16 numbers of a 4 x 4 matrix are expected, not " +
                      std::to_string(n.size()));
-  const Matrix3d r = from_matrix(n);
-  const bool last = n.size() == 12 || (n[12] == 0 && n[13] == 0 && n[14] == 0 && n[15] == 1);
-  if (!last || !((r * r.transpose()).isIdentity(kRound)) || r.determinant() < 0)
+  if (!is_rigid(n))
     throw InputError(where +
                      ": is no rigid motion: rows of [R t; 0 0 0 1] are expected, R a rotation; "
                      "columns one after another are another order");
-  return {rotation_from_quaternion(quaternion_from_rotation(r)), Vector3d(n[3], n[7], n[11])};
+  return {rotation_from_quaternion(quaternion_from_rotation(from_matrix(n))),
+          Vector3d(n[3], n[7], n[11])};
 }
 
 Pose pose_of_row(const PoseFormat& format, const std::vector<double>& n, double length,
                  const std::string& where) {
-  if (format.rotation == from_matrix) {
+  if (format.turn == PoseFormat::Turn::matrix) {
     Pose pose = pose_of_matrix(n, where);
     pose.translation *= length;
     return pose;
@@ -254,49 +266,103 @@ Pose pose_of_row(const PoseFormat& format, const std::vector<double>& n, double 
                        comma_separated({format.columns.begin() + 3, format.columns.end()}) +
                        ", not of " + shortest(norm) + "; is the --pose-format another one?");
   } else {
-    const double most = in_degrees(format) ? 360 : 2 * kPi;
+    const double most = 2 * kPi / format.angle;
     for (size_t i = 3; i < 6; ++i)
       if (!(std::abs(n[i]) <= most * (1 + kRound)))
         throw InputError(where + ": " + format.columns[i] + ": " + shortest(n[i]) +
-                         " is no angle in " + (in_degrees(format) ? "degrees" : "rad") +
+                         " is no angle in " + (format.angle < 1 ? "degrees" : "rad") +
                          "; is the --pose-format another one?");
   }
-  return {format.rotation(n), length * Vector3d(n[0], n[1], n[2])};
+  return {rotation_of(format, n), length * Vector3d(n[0], n[1], n[2])};
+}
+
+std::vector<double> numbers_of_pose(const PoseFormat& format, const Pose& pose) {
+  const Vector3d p = pose.translation / format.length;
+  if (format.turn == PoseFormat::Turn::matrix) {
+    std::vector<double> out;
+    for (int row = 0; row < 3; ++row) {
+      for (int column = 0; column < 3; ++column) out.push_back(pose.rotation(row, column));
+      out.push_back(p(row));
+    }
+    out.insert(out.end(), {0, 0, 0, 1});
+    return out;
+  }
+  std::vector<double> out = {p(0), p(1), p(2)};
+  if (is_quaternion(format)) {
+    const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+    const bool first = format.turn == PoseFormat::Turn::wxyz;
+    if (first) out.push_back(q(3));
+    out.insert(out.end(), {q(0), q(1), q(2)});
+    if (!first) out.push_back(q(3));
+    return out;
+  }
+  const Vector3d angles = angle_convention(format.angles).numbers(pose.rotation)[0] / format.angle;
+  out.insert(out.end(), {angles(0), angles(1), angles(2)});
+  return out;
+}
+
+std::vector<FlangePose> poses_of_columns(const Table& table, const PoseFormat& format,
+                                         double length, const std::vector<int>& numbers) {
+  const PoseColumns columns = columns_of(table);
+  const bool named_first = table.header.empty() && !numbers.empty() && numbers[0] == 1;
+  const double unit = length > 0 ? length : table.length > 0 ? table.length : format.length;
+  std::vector<FlangePose> out;
+  for (const TableRow& row : table.rows) {
+    FlangePose pose;
+    pose.where = row.where;
+    if (columns.id >= 0 || named_first) pose.id = row.cells[named_first ? 0 : columns.id];
+    if (columns.image >= 0) pose.image = row.cells[columns.image];
+    if (columns.time >= 0) pose.time = number_of(row, columns.time, "time");
+    if (columns.image < 0 && is_file_name(pose.id)) std::swap(pose.image, pose.id);
+    std::vector<double> values;
+    for (size_t i = 0; i < numbers.size(); ++i)
+      values.push_back(number_of(row, numbers[i], format.columns[i]));
+    pose.pose = pose_of_row(format, values, unit, row.where);
+    out.push_back(std::move(pose));
+  }
+  return out;
+}
+
+std::vector<int> pose_columns(const Table& table, const PoseFormat& format,
+                              const std::string& prefix) {
+  std::vector<int> out = named_columns(table, format, prefix);
+  if (out.empty() && prefix.empty() && format.columns.size() == 6 &&
+      format.turn == PoseFormat::Turn::angles)
+    out = recorded_by_ur(table);
+  return out;
+}
+
+std::vector<FlangePose> poses_of(const Table& table, const PoseFormat& format, double length) {
+  std::vector<int> columns = pose_columns(table, format, "");
+  if (columns.empty()) columns = columns_by_order(table, format, columns_of(table));
+  return poses_of_columns(table, format, length, columns);
+}
+
+bool is_matrices(const Table& table) {
+  if (!table.header.empty() || (table.columns() != 16 && table.columns() != 12)) return false;
+  return std::all_of(table.rows.begin(), table.rows.end(), [](const TableRow& row) {
+    Row n;
+    for (const std::string& cell : row.cells) {
+      double value = 0;
+      if (!read_number(cell, value)) return false;
+      n.push_back(value);
+    }
+    return is_rigid(n);
+  });
+}
+
+const PoseFormat* likely_format(const Table& table) {
+  if (!recorded_by_ur(table).empty()) return &pose_format("rotvec");
+  if (!table.format.empty()) return &pose_format(table.format);
+  if (table.header.empty()) return is_matrices(table) ? &pose_format("matrix") : nullptr;
+  for (const PoseFormat& format : pose_formats())
+    if (!named_columns(table, format, "").empty()) return &format;
+  return nullptr;
 }
 
 std::vector<FlangePose> read_flange_poses(const std::string& path, const PoseFormat& format,
                                           double length) {
-  std::istringstream in(read_file(path));
-  std::vector<FlangePose> out;
-  std::optional<PoseColumns> columns;
-  std::string line;
-  for (int number = 1; std::getline(in, line); ++number) {
-    if (number == 1 && line.compare(0, 3, "\xEF\xBB\xBF") == 0) line.erase(0, 3);  // of Excel
-    const Cells cells = cells_of_line(line);
-    if (cells.empty() || (line[0] == '#' && !columns)) continue;
-    const std::string where = path + ":" + std::to_string(number);
-    if (!columns && is_header(cells)) {
-      columns = columns_of_header(cells, format, where);
-      continue;
-    }
-    if (!columns) columns = columns_without_header(cells.size(), format, where);
-    if (cells.size() != columns->count)
-      throw InputError(where + ": " + std::to_string(cells.size()) + " cells; the first line has " +
-                       std::to_string(columns->count));
-    FlangePose pose;
-    if (columns->id >= 0) pose.id = cells[columns->id];
-    if (columns->image >= 0) pose.image = cells[columns->image];
-    if (columns->time >= 0) pose.time = number_of_cell(cells[columns->time], where + ": time");
-    if (columns->image < 0 && is_file_name(pose.id)) std::swap(pose.image, pose.id);
-    std::vector<double> numbers;
-    for (size_t i = 0; i < columns->numbers.size(); ++i)
-      numbers.push_back(
-          number_of_cell(cells[columns->numbers[i]], where + ": " + format.columns[i]));
-    pose.pose = pose_of_row(format, numbers, length > 0 ? length : format.length, where);
-    out.push_back(std::move(pose));
-  }
-  if (out.empty()) throw InputError(path + ": no pose in it");
-  return out;
+  return poses_of(read_table(path), format, length);
 }
 
 std::string doubt_of_unit(const std::string& path, const std::vector<Pose>& poses) {

@@ -23,7 +23,6 @@
 #include "../results/json_values.h"
 #include "detect.h"
 #include "finders.h"
-#include "joint_table.h"
 #include "load.h"
 #include "markers.h"
 #include "parallel.h"
@@ -435,10 +434,21 @@ std::string path_for(const std::string& image, const std::string& out) {
   return fs::absolute(image).lexically_normal().lexically_relative(folder).string();
 }
 
-std::vector<std::string> joints_with_readings(const RigFile& rig) {
-  std::vector<std::string> out;
-  for (const Joint& joint : rig.rig.tree.joints)
-    if (joint.has_reading()) out.push_back(joint.name);
+/// Reads the readings that were logged beside images.
+JointTable joint_rows(const RigFile& rig, const FillOptions& options, size_t images) {
+  if (options.joints.empty()) return {};
+  JointTable out = options.pose_format.empty()
+                       ? read_joint_table(options.joints, rig.rig, options.words)
+                       : read_flange_table(options.joints, options.pose_format, options.unit);
+  if (!out.rows[0].image.empty() || out.rows[0].time) return out;
+  if (out.rows.size() != images)
+    throw InputError(options.joints +
+                     ": its rows have no names (a column `image`) and no times, so "
+                     "they go with the images in the order of these; but there are " +
+                     std::to_string(out.rows.size()) + " rows and " + std::to_string(images) +
+                     " images");
+  out.notes.push_back(options.joints + ": " + std::to_string(images) +
+                      " rows without names go with the images in the order of their names");
   return out;
 }
 
@@ -510,11 +520,9 @@ Filled fill_samples(const RigFile& rig, const std::string& path, const FillOptio
 Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
                    const FillOptions& options) {
   const Sensor& sensor = camera(rig, options.sensor, "--sensor");
-  const std::vector<JointRow> rows =
-      options.joints.empty() ? std::vector<JointRow>()
-      : options.pose_format.empty()
-          ? read_joint_table(options.joints, joints_with_readings(rig))
-          : read_flange_table(options.joints, options.pose_format, options.unit);
+  const JointTable table = joint_rows(rig, options, images.size());
+  const std::vector<JointRow>& rows = table.rows;
+  const bool by_order = !rows.empty() && rows[0].image.empty() && !rows[0].time;
   ImageTargets targets;
   add_targets(rig, "", targets);
   if (targets.empty()) throw InputError(rig.path + ": no target of it can be found in images");
@@ -526,7 +534,8 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
   for (const std::string& image : images) {
     Json joints = Json::object();
     if (!rows.empty()) {
-      const JointRow* row = row_of_image(rows, image, options.tolerance);
+      const JointRow* row = by_order ? &rows[static_cast<size_t>(&image - images.data())]
+                                     : row_of_image(rows, image, options.tolerance);
       if (!row) {
         const bool no_time =
             rows[0].time && rows[0].image.empty() &&
@@ -559,7 +568,7 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
                      "', the first image is '" + images[0] + "'");
   Filled out = finish(rig, samples, tasks, targets, options);
   for (const std::string& joint :
-       rows.empty() ? std::vector<std::string>() : joints_with_readings(rig)) {
+       rows.empty() ? std::vector<std::string>() : joints_with_readings(rig.rig)) {
     const auto lacks = [&](const JointRow& row) {
       return !row.joints.count(joint) && !row.poses.count(joint);
     };
@@ -568,6 +577,7 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
       out.notes.push_back(first->where + ": no reading of joint '" + joint +
                           "': what depends on it cannot be calibrated from these samples");
   }
+  out.notes.insert(out.notes.end(), table.notes.begin(), table.notes.end());
   std::vector<Pose> flange;
   for (const JointRow& row : rows)
     for (const auto& [name, value] : row.poses) flange.push_back(value);

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "../../solver/progress.h"
+#include "../exchange/joint_table.h"
 #include "../rig/rig_file.h"
 
 namespace kincal {
@@ -14,6 +15,7 @@ struct FillOptions {
   std::string sensor;  // of a folder of images; "": the only camera
   std::string joints;  // file of readings; "": none
   std::string pose_format, unit;  // of a file of the flange's poses; "": it has joint readings
+  JointWords words;               // of a file of joint readings
   std::string draw;               // folder of annotated pictures; "": none
   bool sigma = false;             // write what each view's sigma is by the picture
   double tolerance = 0.05;        // s, between an image and its readings

@@ -148,7 +148,7 @@ std::vector<Look> shortlist(const Recording& recording, const TrialContext& cont
     const Trial t =
         try_hypothesis(some, context, candidates[i], {10, 1e-2, false, kHopeless * least});
     if (!std::isfinite(t.cost)) continue;
-    least = std::min(least, t.cost);
+    if (!candidates[i].leaves_out) least = std::min(least, t.cost);
     explained = explained || (!good(now) && good(t.fit));
     order.push_back({rough_log_evidence(t.recording, t.fit, &candidates[i]) +
                          log_left_out(some, t.recording, t.fit),

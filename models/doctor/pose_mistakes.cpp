@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 
+#include "../../kinematics/angles.h"
 #include "../../kinematics/floating.h"
 #include "../rig/words.h"
 #include "reading_mistakes.h"
@@ -13,6 +14,8 @@ namespace {
 
 /// No flange is further from its base than this (m); nor do poses stay nearer than the other.
 constexpr double kFarFromBase = 5, kNearBase = 0.05;
+/// Rotations that differ by rounding only.
+constexpr double kSameTurn = 1e-9;
 
 using Change = std::function<Pose(const Pose&)>;
 
@@ -43,47 +46,19 @@ Pose scalar_last(Pose pose) {
   return pose;
 }
 
-/// Of a rotation vector, read as roll, pitch and yaw, or as A, B, C. Two such triples make the same
-/// rotation, and a rotation vector is no longer than pi; where both could be one, which is not
-/// known (NaN).
-template <bool a_b_c>
-Pose rotation_vector(Pose pose) {
-  const auto wrapped = [](double angle) { return std::remainder(angle, 2 * kPi); };
-  const Vector3d rpy = rpy_from_rotation(pose.rotation),
-                 other(wrapped(rpy(0) + kPi), wrapped(kPi - rpy(1)), wrapped(rpy(2) + kPi)),
-                 vector = rpy.norm() < other.norm() ? rpy : other;
-  pose.rotation = exp_so3(a_b_c ? Vector3d(vector.reverse()) : vector);
-  if (std::max(rpy.norm(), other.norm()) < kPi) pose.translation.setConstant(std::nan(""));
-  return pose;
-}
-
-/// Of turns about x, then the new y, then the new z, read as roll, pitch and yaw.
-Pose about_moved_axes(Pose pose) {
-  const Vector3d rpy = rpy_from_rotation(pose.rotation);
-  pose.rotation = rotation_about(Vector3d::UnitX(), rpy(0)) *
-                  rotation_about(Vector3d::UnitY(), rpy(1)) *
-                  rotation_about(Vector3d::UnitZ(), rpy(2));
-  return pose;
-}
-
-/// Of roll, pitch and yaw, read as a rotation vector: with a turn more about its axis it may be
-/// another triple; where both could be one, which is not known (NaN).
-Pose roll_pitch_yaw(Pose pose) {
-  const Vector3d v = log_so3(pose.rotation);
-  const Vector3d longer = v * (1 - 2 * kPi / std::max(v.norm(), 1e-9));
-  const auto is_triple = [](const Vector3d& rpy) {
-    return std::abs(rpy(0)) <= kPi && std::abs(rpy(1)) <= kPi / 2 && std::abs(rpy(2)) <= kPi;
-  };
-  if (is_triple(v) == is_triple(longer)) pose.translation.setConstant(std::nan(""));
-  const Vector3d rpy = is_triple(v) ? v : longer;
-  pose.rotation = rotation_from_rpy(rpy);
-  return pose;
-}
-
-/// Of turns about z, then the new y, then the new x, read as roll, pitch and yaw.
-Pose a_b_c(Pose pose) {
-  const Vector3d rpy = rpy_from_rotation(pose.rotation);
-  pose.rotation = rotation_from_rpy({rpy(2), rpy(1), rpy(0)});
+/// Of numbers that were written in one convention and read in another. Two triples give the
+/// that was read; the written one is that which programs write. Where both could be, and make
+/// different rotations, it is the one that `either` says; -1: it is not known (NaN).
+Pose written_as(const AngleConvention& written, const AngleConvention& read, int either,
+                Pose pose) {
+  const std::array<Vector3d, 2> numbers = read.numbers(pose.rotation);
+  const Matrix3d first = written.rotation(numbers[0]), second = written.rotation(numbers[1]);
+  const bool usual[2] = {written.usual(numbers[0]), written.usual(numbers[1])};
+  const bool both = usual[0] && usual[1] && !first.isApprox(second, kSameTurn);
+  bool take_second = usual[0] == usual[1] ? numbers[1].norm() < numbers[0].norm() : usual[1];
+  if (both && either >= 0) take_second = either == 1;
+  pose.rotation = take_second ? second : first;
+  if (both && either < 0) pose.translation.setConstant(std::nan(""));
   return pose;
 }
 
@@ -110,19 +85,18 @@ Pose exchanged_axes(Pose pose) {
 /// Radians that were read as degrees make all turns as small (rad, but for rounding).
 constexpr double kTurnOfDegrees = 0.06, kPerDegree = 180 / kPi;
 
-/// Of numbers in radians (and, where `metres` is 1000, in metres), read as roll, pitch and yaw in
-/// degrees (and millimetres).
-Pose radians(Pose pose, bool a_b_c, bool vector, double metres) {
-  Vector3d numbers = kPerDegree * rpy_from_rotation(pose.rotation);
-  if (a_b_c) numbers.reverseInPlace();
-  pose.rotation = vector ? exp_so3(numbers) : rotation_from_rpy(numbers);
+/// Of numbers in radians (and, where `metres` is 1000, in metres), read as degrees (and
+/// millimetres).
+Pose written_in_radians(const AngleConvention& written, const AngleConvention& read, double metres,
+                        Pose pose) {
+  pose.rotation = written.rotation(kPerDegree * read.numbers(pose.rotation)[0]);
   pose.translation *= metres;
   return pose;
 }
 
 struct Mistake {
   NoticeKind kind;
-  const char *mistake, *cure;
+  std::string mistake, cure;
   Change undo;
   bool leaves_out = false;
 };
@@ -143,24 +117,6 @@ const Mistake kMistakes[] = {
      "write \"quat\": [x, y, z, w], and invert the poses: a reading is parent_T_child, it maps "
      "coordinates of the flange to the base's",
      [](const Pose& pose) { return inverse(scalar_first(pose)); }},
-    {NoticeKind::convention,
-     "have rotation vectors (axis times angle) where roll, pitch and yaw are meant",
-     "convert them: \"quat\" = [axis * sin(angle / 2), cos(angle / 2)]", rotation_vector<false>,
-     true},
-    {NoticeKind::convention,
-     "have rotation vectors (axis times angle, as of Universal Robots) where A, B, C of a KUKA are "
-     "read",
-     "read them as rotation vectors (--pose-format rotvec)", rotation_vector<true>, true},
-    {NoticeKind::convention,
-     "have angles about x, y and z in the other order: about the axes as they move",
-     "convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll)", about_moved_axes},
-    {NoticeKind::convention,
-     "have angles in the order z, y, x (A, B, C of a KUKA) where roll comes first",
-     "write \"rpy\": [C, B, A]", a_b_c},
-    {NoticeKind::convention,
-     "have roll, pitch and yaw where a rotation vector (axis times angle) was meant",
-     "convert them: \"rpy\": [roll, pitch, yaw], or the quaternion of Rz(yaw) Ry(pitch) Rx(roll)",
-     roll_pitch_yaw, true},
     {NoticeKind::convention,
      "have their rotations the wrong way round (w of the quaternion, or the angles, with the other "
      "sign; or a transposed matrix), but not their positions",
@@ -188,8 +144,44 @@ const Mistake kMistakes[] = {
     {NoticeKind::convention, "have x and z of their positions exchanged",
      "write \"xyz\": [x, y, z]", exchanged_axes<0, 2>}};
 
-/// Poses whose turns are all as small as those of radians that were read as degrees; those of a
-/// KUKA are read in millimetres too.
+std::vector<const AngleConvention*> all_conventions() {
+  std::vector<const AngleConvention*> out;
+  for (int i = 0; i < kAngleConventions; ++i)
+    out.push_back(&angle_convention(static_cast<Angles>(i)));
+  return out;
+}
+
+/// Every convention of three numbers, read as another one. Of turns about z, y, z and those about
+/// three axes both triples are usual in every pose: then all poses are taken on the same side.
+void add_conventions(const std::function<void(const Mistake&)>& add) {
+  const AngleConvention &rpy = angle_convention(Angles::roll_pitch_yaw),
+                        &a_b_c = angle_convention(Angles::a_b_c),
+                        &z_y_z = angle_convention(Angles::z_y_z),
+                        &vector = angle_convention(Angles::rotation_vector);
+  for (const AngleConvention* written : all_conventions())
+    for (const AngleConvention* read : all_conventions()) {
+      if (read == written || (read == &a_b_c && written == &rpy)) continue;  // the same reversed
+      const bool reversed = read == &rpy && written == &a_b_c;
+      Mistake mistake{NoticeKind::convention,
+                      std::string("have ") + written->name + " that were read as " + read->name +
+                          (reversed ? ", or the reverse" : ""),
+                      std::string("read them as they are meant (--pose-format ") +
+                          written->formats +
+                          (reversed ? std::string("; or ") + read->formats : "") +
+                          "), or convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll)",
+                      {}};
+      const bool vectors = written == &vector || read == &vector,
+                 sides = !vectors && (written == &z_y_z) != (read == &z_y_z);
+      mistake.leaves_out = vectors;
+      for (int either = sides ? 0 : -1; either < (sides ? 2 : 0); ++either) {
+        mistake.undo = [=](const Pose& pose) { return written_as(*written, *read, either, pose); };
+        add(mistake);
+      }
+    }
+}
+
+/// Poses whose turns are all as small as those of radians that were read as degrees; where lengths
+/// are as small, metres were read as millimetres, too.
 void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, double furthest,
                  const std::function<void(const Mistake&)>& add) {
   for (const Sample& s : samples)
@@ -199,23 +191,13 @@ void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, 
       return;
   const double metres = furthest < kNearBase / 10 ? 1000 : 1;
   const std::string lengths = metres > 1 ? ", and metres as millimetres" : "";
-  for (const bool a_b_c : {false, true}) {
-    const std::string vectors =
-                          "have rotation vectors (axis times angle, as of Universal Robots, rad) "
-                          "that were read as " +
-                          std::string(a_b_c ? "A, B, C of a KUKA" : "roll, pitch and yaw") +
-                          " in degrees" + lengths,
-                      angles = std::string("have ") +
-                               (a_b_c ? "roll, pitch and yaw in radians that were read as A, B, C "
-                                        "of a KUKA in degrees"
-                                      : "angles in radians that were read as degrees") +
-                               lengths;
-    add({NoticeKind::convention, vectors.c_str(),
-         "read them as rotation vectors in radians (--pose-format rotvec)",
-         [=](const Pose& pose) { return radians(pose, a_b_c, true, metres); }});
-    add({NoticeKind::convention, angles.c_str(), "read them as radians (--pose-format rpy)",
-         [=](const Pose& pose) { return radians(pose, a_b_c, false, metres); }});
-  }
+  for (const AngleConvention* written : all_conventions())
+    for (const AngleConvention* read : all_conventions())
+      add({NoticeKind::convention,
+           std::string("have ") + written->name + ", in radians, that were read as " +
+               (read == written ? "" : std::string(read->name) + ", in ") + "degrees" + lengths,
+           std::string("read them as they are meant (--pose-format ") + written->formats + ")",
+           [=](const Pose& pose) { return written_in_radians(*written, *read, metres, pose); }});
 }
 
 /// Measured poses of a sensor: quaternions with w first, read with w last, and the reverse.
@@ -238,11 +220,6 @@ const Mistake kViewMistakes[] = {
      "mirror them: where y has the other sign, so have y of the position and x and z of the "
      "quaternion",
      left_handed},
-    {NoticeKind::convention,
-     "have angles about x, y and z in the other order: about the axes as they move",
-     "convert them: \"rpy\" is Rz(yaw) Ry(pitch) Rx(roll)", about_moved_axes},
-    {NoticeKind::convention, "have angles in the order z, y, x where roll comes first",
-     "write \"rpy\": [roll, pitch, yaw]", a_b_c},
     {NoticeKind::convention,
      "have y and z of their positions exchanged, but not of their rotations",
      "write \"xyz\": [x, y, z]", exchanged_axes<1, 2>},
@@ -269,7 +246,7 @@ void add_pose_views(const Rig& rig, const ObservationIndex& observations,
                     std::vector<Hypothesis>& out) {
   for (const int s : observations.sensors) {
     if (rig.sensors[s].model->measurement_kind() != MeasurementKind::pose) continue;
-    for (const Mistake& mistake : kViewMistakes) {
+    const auto add = [&](const Mistake& mistake) {
       Hypothesis h;
       h.kind = mistake.kind;
       h.where = {Subject::sensor(rig.sensors[s].name)};
@@ -281,7 +258,9 @@ void add_pose_views(const Rig& rig, const ObservationIndex& observations,
         change_views(all, s, undo);
       };
       out.push_back(std::move(h));
-    }
+    };
+    for (const Mistake& mistake : kViewMistakes) add(mistake);
+    add_conventions(add);
   }
 }
 
@@ -303,6 +282,7 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
       out.push_back(std::move(h));
     };
     for (const Mistake& mistake : kMistakes) add(mistake);
+    add_conventions(add);
     double furthest = 0;
     for (const Sample& s : samples)
       if (const Vector3d at = pose_reading(rig.tree, j, s.readings).translation; at.allFinite())
@@ -314,7 +294,7 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
       if (metres * furthest < kNearBase || metres * furthest > kFarFromBase) continue;
       const std::string mistake = std::string("are in ") + unit.name,
                         cure = std::string("write metres: ") + unit.cure + " what \"xyz\" says";
-      add({NoticeKind::units, mistake.c_str(), cure.c_str(), [metres](Pose pose) {
+      add({NoticeKind::units, mistake, cure, [metres](Pose pose) {
              pose.translation *= metres;
              return pose;
            }});

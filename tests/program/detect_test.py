@@ -172,25 +172,30 @@ class Detect(Case):
         want = {"a1": 0.5, "a10": 0.75}
         for text in ("image;j;comment\r\nC:\\shots\\a1.jpg;0.5;first; \r\n".replace("; \r", "\r") + "a10.pgm;0.75;\r\n", "File\tj\tnote\nshots/a1.pgm\t0.5\tgood\na10.PGM\t0.75\tbad\n",
                      "\ufeffid,operator,j\nA1,me,0.5\na10,me,0.75\n", "id,image,j\nposture 1,a1.pgm,0.5\nposture 2,a10,0.75\n",
-                     "image,j\na1.png,0.5\na10.pgm,0.75\na1.png,0.5\n"):
+                     "image,j\na1.png,0.5\na10.pgm,0.75\na1.png,0.5\n", "image;j\na1.png;0,5\na10.pgm;0,75\n", "image j\na1 0.5\na10 0.75\n"):
             self.write("joints.csv", text.encode())
             self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
             self.assertEqual({s["id"]: s["joints"]["j"] for s in self.samples()}, want, text)
+        for text, options in (("j\n0.5\n0.1\n0.75\n", ()), ("A1\n28.64788975654116\n0\n42.97183463481174\n", ("--map", "A1=j", "--angles", "deg"))):  # by their order
+            self.write("joints.csv", text.encode())
+            self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force", *options)
+            self.assertEqual({s["id"]: round(s["joints"]["j"], 12) for s in self.samples()}, {**want, "a2": 0 if options else 0.1}, text)
+            self.assertIn("3 rows without names go with the images in the order of their names", self.out)
         self.write("joints.csv", b"image,j\nleft/a1.pgm,1\nimages/a1.pgm,2\n")    # folders decide
         self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
         self.assertEqual(self.samples()[0]["joints"], {"j": 2})
         for text, words in (("image,j\na1.pgm,0.5\na1.pgm,0.6\n", ("joints.csv:3", "images/a1.pgm", "joints.csv:2")),
-                            ("image;j\na1.pgm;0,5\n", ("joints.csv:2: j", "0.25", "'0,5'")),
+                            ("image;j\na1.pgm;0,5,1\n", ("joints.csv:2: j", "write a point", "'0,5,1'")),
                             ("image,j\na1.pgm,\n", ("joints.csv:2: j", "''")),
-                            ("image,j\na1.pgm,1,2\n", ("joints.csv:2: 3 cells, the header has 2",)),
+                            ("image,j\na1.pgm,1,2\n", ("joints.csv:2: 3 cells; the header has 2",)),
                             ("a1.pgm,0.5\na2.pgm,0.6\n", ("joints.csv:1", "`image`")),
                             ("image,joint\na1.pgm,0.5\n", ("joints.csv:1", "the robot has: j")),
                             ("time,j\nnoon,0.5\n", ("joints.csv:2: time", "'noon'")),
                             ("image,j,j\na1.pgm,0.5,0.6\n", ("joints.csv:1", "two columns 'j'")),
                             ("image,image,j\na1.pgm,a2.pgm,0.6\n", ("joints.csv:1", "two columns 'image'")),
-                            ("image,j,note\na1.pgm,0.5\n", ("joints.csv:2: 2 cells, the header has 3",)),
+                            ("image,j,note\na1.pgm,0.5\n", ("joints.csv:2: 2 cells; the header has 3",)),
                             ('{"image": "a1.pgm", "joints": {"j": 1, "j": 2}}\n', ("joints.csv:1", "j")),
-                            ("\n", ("joints.csv", "no joint readings"))):
+                            ("\n", ("joints.csv", "no row of numbers"))):
             self.write("joints.csv", text.encode())
             self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "joints.csv", code=1)
             for word in words:
@@ -226,8 +231,8 @@ class Detect(Case):
                                        (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\n", ["xyz_quat"], ("--pose-format", "valid: xyzw")),
                                        (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\n", ["xyzw", "--unit", "cm"], ("--unit", "'mm'")),
                                        ("image,x,y,z,rx,ry,rz\na1.pgm,0.1,0.2,0.3,90,0,0\n", ["rotvec"], ("poses.csv:2: rx", "90", "rad")),
-                                       ("x,y,z,qx,qy,qz,qw\n0.1,0.2,0.3,0,0,0,1\n", ["xyzw"], ("`image`", "`time`")),
-                                       (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\na1.pgm,0.1,0.2,0.4,0,0,0,1\n", ["xyzw"], ("pose 2", "images/a1.pgm"))):
+                                       ("x,y,z,qx,qy,qz,qw\n0.1,0.2,0.3,0,0,0,1\n", ["xyzw"], ("poses.csv", "1 rows and 3 images", "`image`")),
+                                       (head + "a1.pgm,0.1,0.2,0.3,0,0,0,1\na1.pgm,0.1,0.2,0.4,0,0,0,1\n", ["xyzw"], ("poses.csv:3", "images/a1.pgm"))):
             self.write("poses.csv", text.encode())
             self.detect("rig.yaml", "images", "--out", "wrong.jsonl", "--joints", "poses.csv", "--pose-format", *arguments, code=1)
             for word in words:

@@ -322,6 +322,40 @@ class Mounts(Case):
         np.testing.assert_allclose(origin_of(joint.find("origin")) @ below, sensor, atol=1e-12)
         self.fails(["export", "rig.yaml", "--as", "urdf", "--sensor", "left", "--child", "camera_link"], "--child", "'tool'", "--known")
 
+    def test_poses(self):
+        """Numbers of controllers, against elementary rotations; and all formats through `import`, whose formulas are tested below."""
+        shall = pose((0.2, 0, 0.01)) , pose((0, 0, 0.2), (1, 0, 0))
+        rows = {}
+        for format in ("kuka", "fanuc", "abb", "rotvec", "xyzw", "wxyz", "rpy", "rpy_deg", "matrix"):
+            text = self.exported("poses", "--pose-format", format)
+            lines = [line.split(",") for line in text.splitlines()]
+            self.assertEqual([line[:2] for line in lines[1:]], [["left", "optical"], ["right", "second"], ["fixed", "cam_mount"], ["board", "base"], ["held", "tool"]])
+            rows[format] = {line[0]: [float(v) for v in line[2:]] for line in lines[1:]}
+            self.write("p.csv", text)
+            read = [json.loads(line) for line in self.good("import", "p.csv", "--pose-format", format).stdout.splitlines()]
+            self.assertEqual([line["id"] for line in read], ["left", "right", "fixed", "board", "held"])
+            for line, t in ((read[4], shall[0]), (read[2], shall[1]), (read[3], pose((1, 0.1, 0.2), (0.1, 0.2, 0.3)))):
+                flange = line["joints"]["flange"]
+                np.testing.assert_allclose(from_quat(flange["xyz"], flange["quat"]), t, atol=1e-12)
+        x, y, z, a, b, c = rows["kuka"]["board"]
+        np.testing.assert_allclose(about(Z, a * DEG) @ about(Y, b * DEG) @ about(X, c * DEG), rpy(0.1, 0.2, 0.3), atol=1e-12)
+        np.testing.assert_allclose([x, y, z], [1000, 100, 200], atol=1e-9)
+        x, y, z, w, p, r = rows["fanuc"]["board"]
+        np.testing.assert_allclose(about(Z, r * DEG) @ about(Y, p * DEG) @ about(X, w * DEG), rpy(0.1, 0.2, 0.3), atol=1e-12)
+        turned = np.array(rows["rotvec"]["board"][3:])
+        np.testing.assert_allclose(about(turned / np.linalg.norm(turned), np.linalg.norm(turned)), rpy(0.1, 0.2, 0.3), atol=1e-12)
+        np.testing.assert_allclose(np.reshape(rows["matrix"]["board"], (4, 4)), pose((1, 0.1, 0.2), (0.1, 0.2, 0.3)), atol=1e-12)
+        self.assertEqual(rows["abb"]["held"], [200, 0, 10, 1, 0, 0, 0])
+        # what a joint places, and a driver's frame
+        self.write("rig.yaml", RIG.replace("    link: optical\n    pose: {xyz: [0.001,", "    link: optical\n    mount: joint/cam_joint\n    pose: {xyz: [0.001,"))
+        name, link, *numbers = self.exported("poses", "--pose-format", "matrix", "--sensor", "left").splitlines()[1].split(",")
+        self.assertEqual((name, link), ("left", "tool"))
+        np.testing.assert_allclose(np.reshape([float(v) for v in numbers], (4, 4)), self.OPTICAL, atol=1e-12)
+        self.assertIn("left,tool,", self.exported("poses", "--pose-format", "kuka", "--sensor", "left", "--child", "camera_link", "--known", "0 0 0 0 0 0"))
+        self.fails(["export", "rig.yaml", "--as", "poses"], "--pose-format is missing", "kuka")
+        self.fails(["export", "rig.yaml", "--as", "poses", "--pose-format", "kuk"], "--pose-format", "kuka")
+        self.fails(["export", "rig.yaml", "--as", "urdf", "--pose-format", "kuka"], "--pose-format", "poses")
+
     def test_wrong(self):
         base = ["export", "rig.yaml", "--as", "urdf"]
         self.fails([*base, "--child", "camera_link", "--known", "0 0 0 0 0 0"], "--child is about one sensor", "left, right")
@@ -333,7 +367,7 @@ class Mounts(Case):
         self.fails([*base, "--sensor", "left", "--child", "base", "--known", "0 0 0 0 0 0"], "root")
         self.fails([*base, "--sensor", "left", "--known", "0 0 0 0 0 0"], "--child", "missing")
         self.fails([*base, "--sensor", "stereo", "--child", "a", "--known", "0 0 0 0 0 0"], "sensors.stereo", "kincal calibrate")
-        self.fails(["export", "rig.yaml", "--as", "kalibr", "--child", "a"], "--child", "static_transforms, urdf, xacro")
+        self.fails(["export", "rig.yaml", "--as", "kalibr", "--child", "a"], "--child", "static_transforms, urdf, xacro, poses")
 
 
 # ------------------------------------------------------------------------------------------------ in
@@ -675,6 +709,10 @@ class Poses(Case):
                     ("rpy", [*xyz, a, b, c], zyx), ("rpy_deg", [*xyz, a / DEG, b / DEG, c / DEG], zyx),
                     ("fanuc", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, c) @ about(Y, b) @ about(X, a)),
                     ("kuka", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, a) @ about(Y, b) @ about(X, c)),
+                    ("rotvec_deg", [*xyz, *(axis * a / DEG)], about(axis, a)),
+                    ("yaskawa", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, c) @ about(Y, b) @ about(X, a)),
+                    ("zyz", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(Z, a) @ about(Y, b) @ about(Z, c)),
+                    ("staubli", [*(1000 * xyz), a / DEG, b / DEG, c / DEG], about(X, a) @ about(Y, b) @ about(Z, c)),
                     ("rotvec", [*xyz, *(axis * a)], about(axis, a)), ("matrix", list(t.flatten()), zyx)):
                 with self.subTest(format=format):
                     self.write("p.csv", ",".join("%.17g" % n for n in numbers) + "\n")
@@ -711,20 +749,199 @@ class Poses(Case):
         for text, arguments, words in (
                 ("1,2,3,0.5,0.5,0,0\n", ["--pose-format", "xyzw"], ("p.csv:1", "length 1", "qx, qy, qz, qw")),
                 ("x,y,z,rx,ry,rz\n0,0,0,90,0,0\n", ["--pose-format", "rotvec"], ("p.csv:2: rx", "90", "rad")),
-                ("x,y,z,rx,ry\n", ["--pose-format", "rotvec"], ("p.csv:1", "x, y, z, rx, ry, rz")),
+                ("x,y,z,rx,ry\n", ["--pose-format", "rotvec"], ("p.csv", "no row of numbers")),
+                ("x,y,z,rx,ry\n1,2,3,0,0\n", ["--pose-format", "rotvec"], ("p.csv:1", "x, y, z, rx, ry, rz")),
                 ("0,0,0,1,0,0\n0,0,0,1,0\n", ["--pose-format", "rotvec"], ("p.csv:2", "5 cells")),
                 ("0,0,0,1,zero,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'zero'")),
                 ("0,0,0,1,nan,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'nan'")),
-                ("0,1;0,2;0,3;0,5;0,5;0,5\n", ["--pose-format", "rotvec"], ("p.csv:1: x", "'0,1'", "write a point")),
+                ("0,1;0,2;0,3;0,5;0,5;1,0,5\n", ["--pose-format", "rotvec"], ("p.csv:1: rz", "'1,0,5'", "write a point")),
                 ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "another order")),
                 ("x,y\n", ["--pose-format", "eulr"], ("--pose-format", "kuka", "fanuc")),
-                ("", ["--pose-format", "rpy"], ("no pose",)),
+                ("", ["--pose-format", "rpy"], ("the file is empty",)),
                 ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--unit", "inch"], ("--unit", "mm")),
                 ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--sensor", "cam"], ("--target",)),
-                ("x,y,z\n1,2,3\n", [], ("CSV", "--pose-format"))):
+                ("x,y,z\n1,2,3\n", ["--pose-format", "rpy"], ("p.csv:1", "roll", "there are x, y, z"))):
             with self.subTest(text=text, arguments=arguments):
                 self.write("p.csv", text)
                 self.fails(["import", "p.csv", *arguments], *words)
+
+
+def random_poses(count, seed):
+    rng = np.random.default_rng(seed)
+    return [pose(rng.uniform(-1, 1, 3), rng.uniform(-1.4, 1.4, 3)) for _ in range(count)]
+
+
+def rotation_vector(t):
+    x, y, z, w = quat_of(t[:3, :3])
+    n = math.sqrt(x * x + y * y + z * z)
+    return np.array([x, y, z]) / n * 2 * math.atan2(n, w)
+
+
+class Tables(Case):
+    """The same poses in every kind of file that people have them in."""
+
+    def setUp(self):
+        super().setUp()
+        self.poses = random_poses(4, 3)
+        self.board = random_poses(4, 4)
+
+    def read_poses(self, *arguments):
+        lines = [json.loads(line) for line in self.good("import", *arguments).stdout.splitlines()]
+        return [from_quat(line["joints"]["flange"]["xyz"], line["joints"]["flange"]["quat"]) for line in lines]
+
+    def pairs(self, *arguments):
+        run = self.good("import", *arguments, "--setup", "eye_in_hand", "--out", "pairs", "--force")
+        lines = [json.loads(line) for line in self.read("pairs/samples.jsonl").splitlines()]
+        flange = [from_quat(line["joints"]["flange"]["xyz"], line["joints"]["flange"]["quat"]) for line in lines]
+        seen = [from_quat(line["views"][0]["pose"]["xyz"], line["views"][0]["pose"]["quat"]) for line in lines]
+        return flange, seen, run.stderr
+
+    def same(self, found, expected):
+        self.assertEqual(len(found), len(expected))
+        for a, b in zip(found, expected):
+            np.testing.assert_allclose(a, b, atol=1e-12)
+
+    def test_matrices(self):
+        numbers = ["%.17g" % v for t in self.poses for v in t.flatten()]
+        rows = [" ".join(numbers[4 * i:4 * i + 4]) for i in range(16)]
+        self.write("blocks.txt", "\n".join(r + ("\n" if i % 4 == 3 else "") for i, r in enumerate(rows)))
+        wide = np.hstack(self.poses)
+        self.write("wide.csv", "\n".join(",".join("%.17g" % v for v in row) for row in wide))
+        self.write("twelve.csv", "\n".join(";".join(("%.17g" % v).replace(".", ",") for v in t[:3].flatten()) for t in self.poses))
+        self.write("list.json", json.dumps([{"robot_pose": t.tolist()} for t in self.poses]))
+        self.write("flat.json", json.dumps({"poses": [list(t.flatten()) for t in self.poses]}))
+        np.save(os.path.join(self.dir, "stack.npy"), np.array(self.poses))
+        np.save(os.path.join(self.dir, "columns.npy"), np.asfortranarray(np.array(self.poses)[:, :3]))
+        for name in ("blocks.txt", "wide.csv", "twelve.csv", "list.json", "flat.json", "stack.npy", "columns.npy"):
+            with self.subTest(name=name):
+                self.same(self.read_poses(name, "--pose-format", "matrix"), self.poses)
+                guess = self.good("import", name).stdout
+                self.assertIn("4 rows of 1", guess)
+                self.assertIn("seems to have poses (matrix)", guess)
+
+    def test_kuka_program(self):
+        rows = []
+        for t in self.poses:
+            a, b, c = math.atan2(t[1, 0], t[0, 0]), math.asin(-t[2, 0]), math.atan2(t[2, 1], t[2, 2])
+            rows.append("X %.17g, Y %.17g, Z %.17g, A %.17g, B %.17g, C %.17g, S 6, T 27, E1 0.0" % (*(1000 * t[:3, 3]), a / DEG, b / DEG, c / DEG))
+        self.write("p.txt", "\n".join("{E6POS: " + r + "}" for r in rows))
+        self.same(self.read_poses("p.txt", "--pose-format", "kuka"), self.poses)
+        self.write("p.dat", "DEFDAT P\n" + "\n".join("DECL E6POS XP%d={%s}" % (i, r) for i, r in enumerate(rows)) + "\nENDDAT\n")
+        run = self.good("import", "p.dat", "--pose-format", "kuka")
+        self.assertEqual([json.loads(line)["id"] for line in run.stdout.splitlines()], ["XP0", "XP1", "XP2", "XP3"])
+
+    def test_universal_robots_recorder(self):
+        header = "timestamp " + " ".join("actual_TCP_pose_%d" % i for i in range(6))
+        rows = [" ".join("%.17g" % v for v in [i, *t[:3, 3], *rotation_vector(t)]) for i, t in enumerate(self.poses)]
+        self.write("rtde.csv", "\n".join([header] + rows))
+        self.same(self.read_poses("rtde.csv", "--pose-format", "rotvec"), self.poses)
+
+    def test_pairs(self):
+        def row(t):
+            return [*t[:3, 3], *rotation_vector(t)]
+        names = ["x", "y", "z", "rx", "ry", "rz"]
+        self.write("both.csv", ",".join(names + ["m" + n for n in names]) + "\n" + "\n".join(
+            ",".join("%.17g" % v for v in row(a) + row(b)) for a, b in zip(self.poses, self.board)))
+        self.write("bare.csv", "\n".join(",".join("%.17g" % v for v in row(a) + row(b)) for a, b in zip(self.poses, self.board)))
+        self.write("flange.csv", "\n".join("%d," % i + ",".join("%.17g" % v for v in [*t[:3, 3], *quat_of(t[:3, :3])]) for i, t in enumerate(self.poses)))
+        self.write("board.csv", "\n".join("%d," % i + ",".join("%.17g" % v for v in [*(1000 * t[:3, 3]), *(rotation_vector(t) / DEG)])
+                                          for i, t in reversed(list(enumerate(self.board)))))
+        both = {"moved": [{"robot": a.tolist(), "camera": b.tolist()} for a, b in zip(self.poses, self.board)]}
+        self.write("both.json", json.dumps(both))
+        for i, (a, b) in enumerate(zip(self.poses, self.board)):
+            self.write("visp_fPe_%d.yaml" % (i + 9), "rows: 6\ncols: 1\ndata:\n" + "".join("  - [%.17g]\n" % v for v in row(a)))
+            self.write("visp_cPo_%d.yaml" % (i + 9), "rows: 6\ncols: 1\ndata:\n" + "".join("  - [%.17g]\n" % v for v in row(b)))
+            mm = b.copy()
+            mm[:3, 3] *= 1000
+            self.write("pos%02d.yaml" % (i + 9), "__version__:\n  serializer: 1\nFloatMatrix:\n  Data: %s\n" % json.dumps(mm.tolist()))
+            self.write("cv%02d.yml" % (i + 9), "%%YAML:1.0\n---\nT: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: %s\n" % json.dumps(list(b.flatten())))
+        fpe = ["visp_fPe_%d.yaml" % i for i in range(9, 13)]
+        for arguments in (["both.csv", "--pose-format", "rotvec"], ["bare.csv", "--pose-format", "rotvec"],
+                          ["flange.csv", "--pose-format", "xyzw", "--target-poses", "board.csv", "--target-format", "rotvec_deg", "--target-unit", "mm"],
+                          ["both.json"], [*fpe, "--target-poses", *("visp_cPo_%d.yaml" % i for i in range(9, 13))],
+                          [*fpe, "--target-poses", *("pos%02d.yaml" % i for i in range(9, 13))],
+                          [*fpe, "--target-poses", *("cv%02d.yml" % i for i in range(9, 13))]):
+            with self.subTest(arguments=arguments):
+                flange, seen, said = self.pairs(*arguments)
+                self.same(flange, self.poses)
+                self.same(seen, self.board)
+                self.assertIn("note: ", said)
+        self.assertIn("import visp_fPe_*.yaml --target-poses visp_cPo_*.yaml", self.good("import", *fpe, *("visp_cPo_%d.yaml" % i for i in range(9, 13))).stdout)
+        self.assertIn("two poses in each row", self.good("import", "both.csv").stdout)
+
+    def test_pairs_wrong(self):
+        self.write("a.csv", "0,0,0,0,0,0,1\n1,0,0,0,0,0,1\n")
+        self.write("b.csv", "0,0,0,0,0,0,1\n")
+        self.write("c.csv", "one,0,0,0,0,0,0,1\ntwo,1,0,0,0,0,0,1\n")
+        self.write("d.csv", "one,0,0,0,0,0,0,1\nthree,1,0,0,0,0,0,1\n")
+        base = ["--setup", "eye_in_hand", "--out", "pairs"]
+        self.fails(["import", "a.csv", "--pose-format", "xyzw", "--target-poses", "b.csv", *base], "b.csv:1", "1 measured poses", "2 of the flange")
+        self.fails(["import", "c.csv", "--pose-format", "xyzw", "--target-poses", "d.csv", *base], "c.csv:2", "'two'")
+        self.fails(["import", "a.csv", "--target-poses", "b.csv", *base], "a.csv", "--pose-format", "xyzw", "kuka")
+        self.fails(["import", "a.csv", "--pose-format", "xyzw", *base], "a.csv", "--target-poses")
+        self.assertFalse(os.path.exists(os.path.join(self.dir, "pairs")))
+
+    def test_damaged_arrays(self):
+        np.save(os.path.join(self.dir, "a.npy"), np.array(self.poses))
+        with open(os.path.join(self.dir, "a.npy"), "rb") as f:
+            whole = f.read()
+        for count, word in ((8, "header"), (60, "header"), (len(whole) - 8, "fewer")):
+            with open(os.path.join(self.dir, "b.npy"), "wb") as f:
+                f.write(whole[:count])
+            self.fails(["import", "b.npy", "--pose-format", "matrix"], "b.npy", word)
+        np.save(os.path.join(self.dir, "c.npy"), np.array(["a", "b"]))
+        self.fails(["import", "c.npy", "--pose-format", "matrix"], "c.npy", "<f8")
+
+    def test_measured(self):
+        """Joints beside what was measured there, as samples of a rig."""
+        self.write("track.yaml", """format: kincal/1
+robot: arm.urdf
+base: base
+targets: {ball: {type: points, points: [[0, 0, 0]], mount: {link: tool, pose: {xyz: [0.2, 0, 0.01]}}}}
+sensors: {tracker: {type: point, link: base, sigma: 0.0001}, mocap: {type: pose, link: base, sigma: {translation: 0.001, rotation: 0.001}}}
+""")
+        base = ["--rig", "track.yaml", "--sensor", "tracker"]
+        self.write("a.csv", "A1;A2;px;py;pz\n45,5;-30;1000,5;2;3\n0;0;1;2;3\n")
+        run = self.good("import", "a.csv", *base, "--map", "A1=j1", "--map", "A2=j2", "--map", "px=x", "--map", "py=y", "--map", "pz=z",
+                        "--angles", "deg", "--unit", "mm")
+        line = json.loads(run.stdout.splitlines()[0])
+        np.testing.assert_allclose([line["joints"]["j1"], line["joints"]["j2"]], [45.5 * DEG, -30 * DEG], rtol=1e-15)
+        self.assertEqual(line["views"][0]["target"], "ball")
+        np.testing.assert_allclose(line["views"][0]["points"], [[1.0005, 0.002, 0.003]], rtol=1e-15)
+        t = self.poses[0]
+        self.write("b.csv", "j1,j2,x,y,z,qx,qy,qz,qw\n0.1,0.2," + ",".join("%.17g" % v for v in [*t[:3, 3], *quat_of(t[:3, :3])]) + "\n")
+        run = self.good("import", "b.csv", "--rig", "track.yaml", "--sensor", "mocap", "--out", "b.jsonl")
+        seen = json.loads(self.read("b.jsonl"))["views"][0]["pose"]
+        np.testing.assert_allclose(from_quat(seen["xyz"], seen["quat"]), t, atol=1e-12)
+        self.assertEqual(self.run_kincal("evaluate", "track.yaml", "b.jsonl").returncode, 0)
+        for text, arguments, words in (
+                ("j1,j2,px\n0,0,1\n", base, ("a.csv:1", "x, y and z", "--map", "px")),
+                ("j1,j3,x,y,z\n0,0,1,2,3\n", base, ("a.csv:1", "'j3'", "j2")),
+                ("q,r,x,y,z\n0,0,1,2,3\n", base, ("no column is a joint", "j1, j2", "--map")),
+                ("j1,j2,x,y,z\n0,0,1,2\n", base, ("a.csv:2", "4 cells", "5")),
+                ("j1,j2,x,y,z\n0,0,1,2,e\n", base, ("a.csv:2: z", "'e'")),
+                ("j1,j2,x,y,z\n0,0,1,2,3\n", [*base, "--map", "A1=j1"], ("--map", "'A1'", "j1, j2")),
+                ("A1,j2,x,y,z\n0,0,1,2,3\n", [*base, "--map", "A1=j7"], ("--map", "'j7'", "j1, j2")),
+                ("j1,j2,x,y,z\n0,0,1,2,3\n", [*base, "--angles", "grad"], ("--angles", "deg")),
+                ("j1,j2,x,y,z\n0,0,1,2,3\n", ["--rig", "track.yaml"], ("--sensor", "tracker, mocap")),
+                ("0,0,1,2,3\n", base, ("a.csv:1", "header"))):
+            with self.subTest(text=text, arguments=arguments):
+                self.write("a.csv", text)
+                self.fails(["import", "a.csv", *arguments], *words)
+
+    def test_atom(self):
+        """A data set of ATOM as its documentation has it: joints, and labels of cameras."""
+        self.write("dataset.json", json.dumps({
+            "calibration_config": {"sensors": {"left": {"link": "optical"}, "lidar": {"link": "base"}}}, "collections": {
+                "000": {"joints": {"j1": {"position": 0.1}, "j2": {"position": 0.2}, "gripper": {"position": 1}}, "transforms": {}, "labels": {"board": {
+                    "left": {"detected": True, "idxs": [{"id": 3, "x": 10.5, "y": 20.25}, {"id": 4, "x": 11, "y": 21}]},
+                    "lidar": {"detected": True, "idxs": [1, 2, 3]}}}},
+                "001": {"joints": {"j1": {"position": 0.3}, "j2": {"position": 0.4}}, "transforms": {}, "labels": {"board": {"left": {"detected": False, "idxs": []}}}}}}))
+        run = self.good("import", "dataset.json", "--rig", "rig.yaml")
+        self.assertEqual([json.loads(line) for line in run.stdout.splitlines()], [{
+            "id": "000", "joints": {"j1": 0.1, "j2": 0.2}, "views": [{"sensor": "left", "target": "board", "ids": [3, 4], "pixels": [[10.5, 20.25], [11, 21]]}]}])
+        self.assertIn("lidar", run.stderr)
+        self.fails(["import", "dataset.json"], "dataset.json", "ATOM", "--rig")
 
 
 class HandEye(Case):

@@ -3,7 +3,8 @@
 // Proves, with poses made by Eigen alone: each convention that robots' software has is named first,
 // with its cure, in the hand and in the room, with a stated noise and without; millimetres and
 // degrees are named before any fit; right poses have no finding. Not proved: two of these at once,
-// but for the inverse with w first.
+// but for the inverse with w first; turns about z, y, z whose second is now less, now more than a
+// quarter turn (the numbers of three axes do not tell which).
 #include <catch2/catch.hpp>
 
 #include "../../../models/doctor/plausibility.h"
@@ -36,6 +37,18 @@ Eigen::Vector3d yaw_pitch_roll(const Isometry3d& pose) {
   return {std::atan2(r(1, 0), r(0, 0)), std::asin(-r(2, 0)), std::atan2(r(2, 1), r(2, 2))};
 }
 
+/// Turns about z, the new y and the new z, the second from 0 to half a turn.
+Eigen::Vector3d z_y_z(const Isometry3d& pose) {
+  const Eigen::Matrix3d r = pose.linear();
+  return {std::atan2(r(1, 2), r(0, 2)), std::acos(r(2, 2)), std::atan2(r(2, 1), -r(2, 0))};
+}
+
+/// Turns about x, the new y and the new z, the second at most a quarter turn.
+Eigen::Vector3d moving_x_y_z(const Isometry3d& pose) {
+  const Eigen::Matrix3d r = pose.linear();
+  return {std::atan2(-r(1, 2), r(2, 2)), std::asin(r(0, 2)), std::atan2(-r(0, 1), r(0, 0))};
+}
+
 struct Convention {
   const char *id, *words;
   std::function<std::string(const Isometry3d&)> written;
@@ -63,11 +76,11 @@ const Convention kConventions[] = {
        const Eigen::AngleAxisd turn(pose.linear());
        return xyz_rpy(pose, turn.angle() * turn.axis());
      }},
-    {"convention", "other order",
+    {"convention", "turns about x, the new y, the new z (Staeubli) that were read as roll",
      [](const Isometry3d& pose) { return xyz_rpy(pose, pose.linear().eulerAngles(0, 1, 2)); }},
-    {"convention", "[C, B, A]",
+    {"convention", "that were read as roll, pitch and yaw, or the reverse",
      [](const Isometry3d& pose) { return xyz_rpy(pose, pose.linear().eulerAngles(2, 1, 0)); }},
-    {"convention", "rotation vector (axis times angle) was meant",
+    {"convention", "have roll, pitch and yaw that were read as rotation vectors",
      [](const Isometry3d& pose) {
        const Eigen::Vector3d rpy = yaw_pitch_roll(pose).reverse();
        Isometry3d wrong(Eigen::AngleAxisd(rpy.norm(), rpy.normalized()));
@@ -102,27 +115,40 @@ const Convention kConventions[] = {
        wrong.translation() = base.translation();
        return xyz_quat(wrong);
      }},
-    {"convention", "A, B, C of a KUKA are read",
+    {"convention",
+     "have rotation vectors (axis times angle: Universal Robots) that were read as A, B, C",
      [](const Isometry3d& pose) {
        const Eigen::AngleAxisd turn(pose.linear());
        return xyz_rpy(pose, (turn.angle() * turn.axis()).reverse());
      }},
-    {"convention", "read as A, B, C of a KUKA in degrees, and metres",
+    {"convention",
+     "in radians, that were read as A, B, C (turns about z, the new y, the new x: KUKA), in "
+     "degrees, and metres",
      [](const Isometry3d& pose) {
        const Eigen::AngleAxisd turn(pose.linear());
        Isometry3d short_of_it = pose;
        short_of_it.translation() *= 1e-3;
        return xyz_rpy(short_of_it, kPi / 180 * (turn.angle() * turn.axis()).reverse());
      }},
-    {"convention", "read as roll, pitch and yaw in degrees",
+    {"convention",
+     "have rotation vectors (axis times angle: Universal Robots), in radians, that were read as "
+     "roll",
      [](const Isometry3d& pose) {
        const Eigen::AngleAxisd turn(pose.linear());
        return xyz_rpy(pose, kPi / 180 * turn.angle() * turn.axis());
      }},
-    {"convention", "angles in radians that were read as degrees",
+    {"convention", "have roll, pitch and yaw, in radians, that were read as degrees",
      [](const Isometry3d& pose) {
        return xyz_rpy(pose, kPi / 180 * yaw_pitch_roll(pose).reverse());
      }},
+    {"convention",
+     "turns about z, the new y, the new z (Doosan, Kawasaki, Comau) that were read as A, B, C",
+     [](const Isometry3d& pose) { return xyz_rpy(pose, z_y_z(pose).reverse()); }},
+    {"convention",
+     "turns about z, the new y, the new z (Doosan, Kawasaki, Comau) that were read as roll",
+     [](const Isometry3d& pose) { return xyz_rpy(pose, z_y_z(pose)); }},
+    {"convention", "turns about x, the new y, the new z (Staeubli) that were read as A, B, C",
+     [](const Isometry3d& pose) { return xyz_rpy(pose, moving_x_y_z(pose).reverse()); }},
     {"units", "centimetres",
      [](const Isometry3d& pose) { return moved(pose, 100 * pose.translation()); }},
 };
