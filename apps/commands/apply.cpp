@@ -1,10 +1,11 @@
-// `kincal apply`: the changes of a result put into another copy of the robot.
+// `kincal apply`: the changes of a result put into another copy of the robot, URDF or MJCF.
 #include <filesystem>
 #include <iostream>
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
 #include "../../io/results/apply.h"
+#include "../../io/urdf/edit_mjcf.h"
 #include "../job.h"
 #include "../signals.h"
 #include "command.h"
@@ -23,9 +24,11 @@ int apply(const ApplyArguments& a) {
   std::error_code ignored;
   if (std::filesystem::is_directory(a.urdf, ignored))
     throw InputError(a.urdf + ": this is a directory, no URDF; the result comes first");
-  const AppliedResult applied = apply_result(a.result, read_urdf(a.urdf), a.force);
+  const std::string text = read_file(a.urdf);
+  const AppliedResult applied = is_mjcf(text) ? apply_to_mjcf(a.result, text, a.urdf, a.force)
+                                              : apply_result(a.result, read_urdf(a.urdf), a.force);
   begin_writing();
-  write_file(a.out, applied.urdf, a.force);
+  write_file(a.out, applied.text, a.force);
   for (const std::string& note : applied.notes) std::cerr << "kincal: warning: " << note << "\n";
   std::cout << "Written to " << a.out << "\n";
   return kConverged;
@@ -36,9 +39,14 @@ int apply(const ApplyArguments& a) {
 Command apply_command(CLI::App& app) {
   auto a = std::make_shared<ApplyArguments>();
   CLI::App* command = app.add_subcommand(
-      "apply", "Put the changes of a result into another copy of the robot's URDF");
+      "apply",
+      "Put the changes of a result into another copy of the robot: a URDF or a MuJoCo model");
   command->add_option("RESULT", a->result, "result directory or its result.json")->required();
-  command->add_option("URDF", a->urdf, "the copy; only numbers of its joint origins are replaced")
+  command
+      ->add_option(
+          "URDF", a->urdf,
+          "the copy: a URDF, or a MuJoCo model (MJCF) whose bodies and joints are called as its "
+          "links and joints; only numbers that change are replaced")
       ->required();
   command->add_option("--out", a->out, "file to write")->required();
   command->add_flag(

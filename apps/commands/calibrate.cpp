@@ -38,10 +38,12 @@ std::string where_text(const Report& report, const ResultFiles& files,
 
 int calibrate(const CalibrateArguments& a) {
   if (!a.dry_run) {
-    if (a.out.empty())
-      throw InputError("calibrate: --out DIR is required (only --dry-run does without)");
-    say_cleared(clear_leftovers(a.out));
-    check_output(a.out, a.force);
+    if (a.out.empty() && !a.json)
+      throw InputError("calibrate: --out DIR is required (only --dry-run and --json do without)");
+    if (!a.out.empty()) {
+      say_cleared(clear_leftovers(a.out));
+      check_output(a.out, a.force);
+    }
   }
   ProgressLine line(a.quiet || a.json);
   Job job = read_job(a.rig, a.samples, a.settings.holdout, line);
@@ -65,8 +67,10 @@ int calibrate(const CalibrateArguments& a) {
     throw std::runtime_error(no_start_text(report.solution.message, report.diagnosis));
   line.stage("writing", std::nan(""));
   const ResultFiles files = make_files(job, report, a.settings);
-  begin_writing();
-  if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
+  if (!a.out.empty()) {
+    begin_writing();
+    if (!write_results(a.out, files, a.force, not_interrupted)) return say_interrupted();
+  }
   line.clear();
   if (a.json)
     std::cout << files.result_json;
@@ -106,7 +110,9 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->add_flag("--tables", a->tables,
                     "print all tables: steps, groups, loops, noise, mounts to be copied, ...");
-  command->add_flag("--json", a->json, "print result.json on standard output instead");
+  command->add_flag(
+      "--json", a->json,
+      "print result.json on standard output instead; without --out nothing is written");
   command->footer(
       "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, "
       "/intrinsics[.fx ...], /distortion, "

@@ -4,8 +4,11 @@
 
 #include "../../io/document/files.h"
 #include "../../io/document/yaml.h"
+#include "../../io/exchange/dh.h"
+#include "../../io/exchange/ur_kinematics.h"
 #include "../../io/rig/new_rig.h"
 #include "../../io/rig/rig_file.h"
+#include "../../io/urdf/edit.h"
 #include "../job.h"
 #include "../signals.h"
 #include "../tables/tree_table.h"
@@ -16,6 +19,7 @@ namespace {
 
 struct InitArguments {
   std::string urdf, flange, out;
+  std::string kinematics, prefix, dh, modified_dh;  // robots that are made of other files
   std::vector<std::string> sensors, targets, intrinsics, image_sizes;
   bool force = false;
 };
@@ -41,17 +45,62 @@ Urdf robot_of_flange(const std::string& text) {
   }
 }
 
+/// The robot, and its file: `text` is to be written there where it is new.
+struct FirstRobot {
+  Urdf urdf;
+  std::string path, text;
+};
+
+/// Where a robot that is made of another file stands: beside the rig.
+std::string beside_rig(const InitArguments& a, const std::string& file, const std::string& end) {
+  const std::filesystem::path out(a.out.empty() ? "rig.yaml" : a.out);
+  return (out.parent_path() / (std::filesystem::path(file).stem().string() + end)).string();
+}
+
+FirstRobot first_robot(const InitArguments& a) {
+  const int given = !a.urdf.empty() + !a.flange.empty() + !a.dh.empty() + !a.modified_dh.empty();
+  if (given != 1)
+    throw InputError(given == 0
+                         ? "a URDF is expected, or --flange LINK for a robot that is known by "
+                           "the poses of its flange only, or a table of Denavit and Hartenberg "
+                           "(--dh, --modified-dh)"
+                         : "one robot is expected: a URDF, --flange (a robot without URDF; of one "
+                           "with a URDF name its links), --dh or --modified-dh");
+  if (!a.kinematics.empty() && a.urdf.empty())
+    throw InputError("--kinematics: the URDF whose joints have these origins is missing");
+  if (a.kinematics.empty() && !a.prefix.empty())
+    throw InputError("--prefix: is of --kinematics, which is missing");
+  FirstRobot out;
+  if (!a.flange.empty()) {
+    out.urdf = robot_of_flange(a.flange);
+  } else if (!a.urdf.empty() && a.kinematics.empty()) {
+    out.urdf = read_urdf(out.path = a.urdf);
+  } else {
+    if (a.kinematics.empty()) {
+      const std::string file = a.dh.empty() ? a.modified_dh : a.dh;
+      out.path = beside_rig(a, file, ".urdf");
+      out.text = dh_urdf(read_dh(file, a.dh.empty()), std::filesystem::path(file).stem().string());
+    } else {
+      const Urdf nominal = read_urdf(a.urdf);
+      const UrKinematics kinematics = read_ur_kinematics(a.kinematics);
+      const std::vector<int> joints = ur_joints(nominal.tree, a.prefix);
+      UrdfChanges changes;
+      for (size_t i = 0; i < joints.size(); ++i) changes.origins[joints[i]] = kinematics.origins[i];
+      out.path = beside_rig(a, a.urdf, "_kinematics.urdf");
+      out.text = edit_urdf(nominal, changes);
+    }
+    out.urdf = parse_urdf(out.text, out.path);
+  }
+  return out;
+}
+
 int init(const InitArguments& a) {
   if (!a.out.empty()) {
     say_cleared(clear_leftovers(a.out));
     check_output_file(a.out, a.force);
   }
-  if (a.urdf.empty() == a.flange.empty())
-    throw InputError(a.urdf.empty()
-                         ? "a URDF is expected, or --flange LINK for a robot that is known by "
-                           "the poses of its flange only"
-                         : "--flange: for a robot without URDF; of one with a URDF name its links");
-  const Urdf urdf = a.flange.empty() ? read_urdf(a.urdf) : robot_of_flange(a.flange);
+  const FirstRobot robot = first_robot(a);
+  const Urdf& urdf = robot.urdf;
   for (const std::string& warning : urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (a.sensors.empty() && a.targets.empty() && a.out.empty()) {
@@ -59,11 +108,14 @@ int init(const InitArguments& a) {
               << "written:\n--sensor " << sensor_form() << "\n--target " << kTargetForm << "\n";
     return kConverged;
   }
+  if (!robot.text.empty() && a.out.empty())
+    throw InputError("--out is missing: the robot is written beside the rig");
+  if (!robot.text.empty()) check_output_file(robot.path, a.force);
   NewRig rig;
-  rig.robot = a.urdf;
+  rig.robot = robot.path;
   if (!a.out.empty() && a.flange.empty()) {  // as seen from the rig's folder
     const std::filesystem::path folder = std::filesystem::absolute(a.out).parent_path();
-    rig.robot = std::filesystem::absolute(a.urdf)
+    rig.robot = std::filesystem::absolute(robot.path)
                     .lexically_normal()
                     .lexically_proximate(folder.lexically_normal())
                     .string();
@@ -91,8 +143,10 @@ int init(const InitArguments& a) {
     return kConverged;
   }
   begin_writing();
+  if (!robot.text.empty()) write_file(robot.path, robot.text, a.force);
   write_file(a.out, text, a.force);
   read_rig(a.out);
+  if (!robot.text.empty()) std::cout << "Written to " << robot.path << ": the robot\n";
   std::cout << "Written to " << a.out << ": look for GUESS in it\n";
   return kConverged;
 }
@@ -108,6 +162,23 @@ Command init_command(CLI::App& app) {
                    "in place of a URDF: the robot is known by the poses of this link in the base "
                    "only; [BASE:]LINK")
       ->type_name("LINK");
+  command
+      ->add_option("--kinematics", a->kinematics,
+                   "of a robot of Universal Robots: its kinematics (the file of ur_calibration) "
+                   "take the place of the URDF's, in a copy beside the rig")
+      ->type_name("FILE");
+  command
+      ->add_option("--prefix", a->prefix,
+                   "of that, where the robot has several arms: what stands before "
+                   "shoulder_pan_joint")
+      ->type_name("TEXT");
+  command
+      ->add_option("--dh", a->dh,
+                   "in place of a URDF: a table of Denavit and Hartenberg (CSV: a, alpha, d, "
+                   "theta_offset, type; m, rad); the URDF is written beside the rig")
+      ->type_name("FILE");
+  command->add_option("--modified-dh", a->modified_dh, "the same of a modified table (Craig)")
+      ->type_name("FILE");
   command->add_option("--sensor", a->sensors, sensor_form() + "; may be repeated")
       ->allow_extra_args(false)
       ->type_name("SENSOR");

@@ -9,7 +9,7 @@
 //   read_calibrated()  What such a directory has; compare() two of them, apply_result() to another
 //                      copy of the robot.
 //   Others             Texts of a rig and of samples (rig_text(), samples_text()); files of lenses,
-//                      of local offsets and of fleets; export_rig() for other programs.
+//                      of local offsets and of fleets; export_calibrated() for other programs.
 //
 // What is wrong in a file is an InputError that names the place.
 #pragma once

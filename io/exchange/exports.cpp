@@ -4,35 +4,21 @@
 #include <optional>
 
 #include "../document/error.h"
+#include "../document/files.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../document/yaml.h"
 #include "../results/mount_texts.h"
 #include "../rig/types.h"
+#include "dh.h"
 #include "lens.h"
+#include "mounts.h"
+#include "robot_exports.h"
+#include "ur_kinematics.h"
 #include "write_lens.h"
 
 namespace kincal {
 namespace {
-
-/// Returns a_T_b if nothing but fixed joints is between the links.
-std::optional<Pose> fixed_pose(const Tree& tree, int a, int b) {
-  const auto from_root = [&](int link, std::vector<int>& joints) {
-    for (int j = tree.joint_above[link]; j >= 0; j = tree.joint_above[tree.joints[j].parent])
-      joints.push_back(j);
-  };
-  std::vector<int> up, down;
-  from_root(a, up);
-  from_root(b, down);
-  while (!up.empty() && !down.empty() && up.back() == down.back()) up.pop_back(), down.pop_back();
-  Pose a_T_top, b_T_top;
-  for (const auto& [joints, pose] : {std::make_pair(&up, &a_T_top), {&down, &b_T_top}})
-    for (int j : *joints) {
-      if (!tree.joints[j].is_rigid()) return std::nullopt;
-      *pose = *pose * inverse(pose_at_zero(tree.joints[j]));
-    }
-  return a_T_top * inverse(b_T_top);
-}
 
 void check_sensors(const Rig& rig, const Names& given) {
   const Names names = names_of(rig.sensors);
@@ -47,8 +33,18 @@ const Sensor& only_sensor(const std::vector<const Sensor*>& sensors, const std::
   if (sensors.size() == 1) return *sensors[0];
   Names names;
   for (const Sensor* sensor : sensors) names.push_back(sensor->name);
-  throw InputError("a file of " + format + " holds one sensor: take --sensor NAME with one of " +
-                   comma_separated(names));
+  throw InputError((format[0] == '-' ? format + " is about" : "a file of " + format + " holds") +
+                   " one sensor: take --sensor NAME with one of " + comma_separated(names));
+}
+
+/// The sensors of these names, of no names all that have a frame of their own.
+std::vector<const Sensor*> posed_sensors(const Rig& rig, const Names& names) {
+  std::vector<const Sensor*> out;
+  for (const Sensor& sensor : rig.sensors)
+    if (names.empty() ? sensor.type != "chain"
+                      : std::count(names.begin(), names.end(), sensor.name) > 0)
+      out.push_back(&sensor);
+  return out;
 }
 
 /// Where the centre of a rectified right camera is, in the sensor's frame.
@@ -80,64 +76,6 @@ std::string camchain(const Rig& rig, const std::vector<const Sensor*>& cameras,
                   last.link_T_sensor * lens_in_sensor(lenses[i - 1]);
   }
   return kalibr_text(lenses, before);
-}
-
-// ------------------------------------------------------------------------------------------------
-// poses
-/// One frame below another; `in_robot`: a joint of the robot has it.
-struct NamedPose {
-  std::string of, parent, child;
-  Pose pose;
-  bool in_robot = false;
-};
-
-/// What sensors and targets have in common of this.
-template <class T>
-void add_pose(const Rig& rig, const T& thing, const Pose& pose, std::vector<NamedPose>& out) {
-  const Tree& tree = rig.tree;
-  if (thing.mount_joint >= 0) {
-    const Joint& joint = tree.joints[thing.mount_joint];
-    out.push_back({thing.name, tree.links[joint.parent], tree.links[joint.child],
-                   joint.parent_T_joint, true});
-    return;
-  }
-  Names taken;
-  for (const NamedPose& one : out) taken.push_back(one.child);
-  out.push_back({thing.name, tree.links[thing.link], new_link_name(tree, thing.name, taken), pose});
-}
-
-std::string static_transforms(const Rig& rig, const Names& names, std::vector<std::string>& notes) {
-  std::vector<NamedPose> poses;
-  const auto unknown = [&](const std::string& name) {
-    notes.push_back(name +
-                    " is left away: its pose is not in the rig. Export a result of `kincal "
-                    "calibrate`");
-  };
-  for (const Sensor& sensor : rig.sensors) {
-    if (!names.empty() && !std::count(names.begin(), names.end(), sensor.name)) continue;
-    if (sensor.pose_given)
-      add_pose(rig, sensor, sensor.link_T_sensor, poses);
-    else
-      unknown("sensors." + sensor.name);
-  }
-  for (const Target& target : rig.targets) {
-    if (!names.empty() || target.link < 0) continue;
-    if (target.pose_given)
-      add_pose(rig, target, target.link_T_target, poses);
-    else
-      unknown("targets." + target.name);
-  }
-  if (poses.empty())
-    throw InputError(
-        "no pose of a sensor or mounted target is in the rig: export a result of `kincal "
-        "calibrate`");
-  std::string out;
-  for (const NamedPose& one : poses)
-    out += "# " + one.of +
-           (one.in_robot ? ": in robot.urdf, whose robot_state_publisher sends it already" : "") +
-           "\n" + ros2_static_transform(one.pose, one.parent, one.child) +
-           "\n# ROS 1: " + ros1_static_transform(one.pose, one.parent, one.child) + "\n";
-  return out;
 }
 
 struct HandEye {
@@ -205,41 +143,129 @@ std::string easy_handeye2(const HandEye& it, const std::string& name) {
          "\n    z: " + real_text(q[2]) + "\n    w: " + real_text(q[3]) + "\n";
 }
 
-}  // namespace
-
-const Names& export_formats() {
-  static const Names formats = {"camera_info",       "opencv",       "kalibr",
-                                "static_transforms", "easy_handeye", "easy_handeye2"};
+/// Formats of the robot's joints, without sensors.
+const Names& robot_formats() {
+  static const Names formats = {"xacro_properties", "ros2_control", "ur_kinematics",
+                                "lerobot",          "dh",           "modified_dh"};
   return formats;
 }
 
-ExportedFile export_rig(const Rig& rig, const std::string& format, const Names& sensors) {
+bool is_among(const Names& names, const std::string& name) {
+  return std::count(names.begin(), names.end(), name) > 0;
+}
+
+/// Refuses options that the format has no use for.
+void check_options(const ExportOptions& o) {
+  if (!is_among(export_formats(), o.format))
+    throw InputError("--as: unknown format '" + o.format + "'" +
+                     nearest_names(o.format, export_formats()) +
+                     "; valid: " + comma_separated(export_formats()));
+  const auto only_of = [&](const std::string& option, bool given, const Names& formats) {
+    if (given && !is_among(formats, o.format))
+      throw InputError(option + ": is of the formats " + comma_separated(formats));
+  };
+  only_of("--child", !o.child.empty(), mount_formats());
+  only_of("--known", !o.known.empty(), mount_formats());
+  only_of("--pose-format", !o.pose_format.empty(), {"poses"});
+  only_of("--tip", !o.tip.empty(), {"dh", "modified_dh"});
+  only_of("--prefix", !o.prefix.empty(), {"ur_kinematics"});
+  only_of("--from", !o.from.empty(), {"ur_kinematics", "lerobot"});
+  only_of("--motors", o.motors != "feetech", {"lerobot"});
+  if (is_among(robot_formats(), o.format) && !o.sensors.empty())
+    throw InputError("--sensor: " + o.format + " has no sensors");
+  if (o.child.empty() && !o.known.empty())
+    throw InputError("--known: says where the sensor is in the link of --child, which is missing");
+  if (o.format == "poses" && o.pose_format.empty()) {
+    Names names;
+    for (const PoseFormat& one : pose_formats()) names.push_back(one.name);
+    throw InputError("--pose-format is missing: one of " + comma_separated(names));
+  }
+  if (o.format == "lerobot" && o.from.empty())
+    throw InputError("--from is missing: LeRobot's calibration file, which gets other offsets");
+}
+
+std::string dh_of(const RobotNumbers& robot, const ExportOptions& o) {
+  const Tree& tree = robot.rig.tree;
+  if (o.tip.empty())
+    throw InputError("--tip is missing: the link at the end of the chain; the robot has: " +
+                     comma_separated(tree.links));
+  const int tip = tree.find_link(o.tip);
+  if (tip < 0)
+    throw InputError("--tip: the robot has no link '" + o.tip + "'" +
+                     nearest_or_all(o.tip, tree.links, "the robot has"));
+  const DhTable table =
+      dh_table(tree, robot.folded, robot.rig.base, tip, o.format == "modified_dh");
+  return dh_text(table, dh_misfit(table, tree, robot.folded, robot.rig.base, tip),
+                 tree.links[robot.rig.base], o.tip);
+}
+
+std::string ur_kinematics_of(const RobotNumbers& robot, const ExportOptions& o,
+                             std::vector<std::string>& notes) {
+  UrKinematics out;
+  for (const int j : ur_joints(robot.rig.tree, o.prefix)) out.origins.push_back(robot.folded[j]);
+  if (!o.from.empty()) out.hash = read_ur_kinematics(o.from).hash;
+  if (out.hash.empty()) {
+    out.hash = "kincal_" + sha256(ur_kinematics_text(out)).substr(0, 16);
+    notes.push_back(
+        "the driver compares `hash` with the robot's and warns: take --from FILE with the file "
+        "that ur_calibration wrote of the robot, and its hash is kept");
+  }
+  return ur_kinematics_text(out);
+}
+
+ExportedFile export_robot(const RobotNumbers& robot, const ExportOptions& o) {
   ExportedFile out;
-  check_sensors(rig, sensors);
-  if (format == "static_transforms") {
-    out.text = static_transforms(rig, sensors, out.notes);
+  if (o.format == "xacro_properties")
+    out.text = xacro_properties(robot);
+  else if (o.format == "ros2_control")
+    out.text = ros2_control_text(robot, out.notes);
+  else if (o.format == "ur_kinematics")
+    out.text = ur_kinematics_of(robot, o, out.notes);
+  else if (o.format == "lerobot")
+    out.text = lerobot_text(robot, o.from, o.motors, out.notes);
+  else
+    out.text = dh_of(robot, o);
+  return out;
+}
+
+}  // namespace
+
+const Names& export_formats() {
+  static const Names formats = [] {
+    Names out = {"camera_info", "opencv", "kalibr",       "static_transforms", "urdf",
+                 "xacro",       "poses",  "easy_handeye", "easy_handeye2"};
+    out.insert(out.end(), robot_formats().begin(), robot_formats().end());
+    return out;
+  }();
+  return formats;
+}
+
+ExportedFile export_calibrated(const CalibratedFiles& files, const ExportOptions& o) {
+  const std::string& format = o.format;
+  check_options(o);
+  if (is_among(robot_formats(), format)) return export_robot(robot_numbers(files), o);
+  const Rig& rig = files.rig_file.rig;
+  check_sensors(rig, o.sensors);
+  ExportedFile out;
+  if (is_among(mount_formats(), format)) {
+    const std::vector<Mount> mounts =
+        o.child.empty()
+            ? mounts_of(rig, o.sensors, format == "poses", out.notes)
+            : std::vector<Mount>{driver_mount(
+                  rig, only_sensor(posed_sensors(rig, o.sensors), "--child"), o.child, o.known)};
+    out.text = format == "poses" ? poses_text(mounts, pose_format(o.pose_format))
+                                 : mounts_text(mounts, format);
   } else if (format == "easy_handeye" || format == "easy_handeye2") {
-    std::vector<const Sensor*> chosen;
-    for (const Sensor& sensor : rig.sensors)
-      if (sensors.empty() ? sensor.type != "chain"
-                          : std::count(sensors.begin(), sensors.end(), sensor.name) > 0)
-        chosen.push_back(&sensor);
-    const Sensor& sensor = only_sensor(chosen, format);
+    const Sensor& sensor = only_sensor(posed_sensors(rig, o.sensors), format);
     const HandEye it = hand_eye(rig, sensor);
     out.text =
         format == "easy_handeye" ? easy_handeye(it, sensor.name) : easy_handeye2(it, sensor.name);
   } else {
-    const std::vector<const Sensor*> cameras = cameras_of(rig, sensors);
-    if (format == "kalibr")
-      out.text = camchain(rig, cameras, out.notes);
-    else if (format == "camera_info")
-      out.text = camera_info_text(lens_of(only_sensor(cameras, format)));
-    else if (format == "opencv")
-      out.text = opencv_text(lens_of(only_sensor(cameras, format)), out.notes);
-    else
-      throw InputError("--as: unknown format '" + format + "'" +
-                       nearest_names(format, export_formats()) +
-                       "; valid: " + comma_separated(export_formats()));
+    const std::vector<const Sensor*> cameras = cameras_of(rig, o.sensors);
+    out.text = format == "kalibr" ? camchain(rig, cameras, out.notes)
+               : format == "camera_info"
+                   ? camera_info_text(lens_of(only_sensor(cameras, format)))
+                   : opencv_text(lens_of(only_sensor(cameras, format)), out.notes);
   }
   return out;
 }

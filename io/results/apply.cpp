@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <utility>
 #include <vector>
 
 #include "../document/files.h"
@@ -10,6 +11,7 @@
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../urdf/edit.h"
+#include "../urdf/edit_mjcf.h"
 #include "../urdf/proof.h"
 #include "read_calibrated.h"
 #include "robot_record.h"
@@ -40,28 +42,62 @@ void refuse_followers(const Urdf& urdf, const Field& known, const std::vector<do
   }
 }
 
+constexpr double kSame = 1e-9;  // m and rad: written numbers carry 17 digits
+
+/// A result.json that may be used.
+struct ResultToApply {
+  std::string path;
+  Node node;
+  std::string doubt;  // its verdict, where that is not good
+
+  Field all() const { return top(node, path); }
+};
+
+ResultToApply open_result(const std::string& result_path, bool force) {
+  ResultToApply out;
+  out.path = fs::is_directory(result_path) ? (fs::path(result_path) / "result.json").string()
+                                           : result_path;
+  const std::string text = read_file(out.path);
+  refuse_other_kinds(text, out.path, Wanted::result);
+  out.node = parse_json(text, out.path);
+  const Field all = out.all();
+  if (!all.has("robot") || !all["robot"].has("joints"))
+    throw InputError(out.path + ": is no result of `kincal calibrate`: it has no robot.joints");
+  out.doubt = verdict_doubt(all);
+  if (!force && all["status"].string() != "converged")
+    throw InputError(
+        out.path + ": status: " + all["status"].string() + ": this result is not to be trusted" +
+        (out.doubt.empty() ? "" : ": " + out.doubt) + "; --force applies it all the same");
+  if (all["robot"].has("urdf") && !all["robot"]["urdf"].boolean())
+    throw InputError(out.path +
+                     ": is about a robot without URDF: its mounts, ready to be copied, are in "
+                     "changes.yaml");
+  return out;
+}
+
+/// What there is to say of a result that becomes part of `what`.
+std::vector<std::string> notes_of(const ResultToApply& result, const std::string& what) {
+  std::vector<std::string> out;
+  if (!result.doubt.empty()) out.push_back(result.path + ": " + result.doubt);
+  const Field all = result.all();
+  if (!all["robot"].has("joint_models")) return out;
+  const Field models = all["robot"]["joint_models"];
+  for (const auto& [joint, model] : models.members()) {
+    std::string numbers;
+    for (const auto& [name, ignored] : models[joint].members())
+      if (name != "model") numbers += ", " + name + " = " + shortest(models[joint][name].number());
+    out.push_back("joint '" + joint + "': " + what + " cannot express its joint model (" +
+                  models[joint]["model"].string() + numbers + "); this one has its offset only");
+  }
+  return out;
+}
+
 }  // namespace
 
 AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force) {
-  constexpr double kSame = 1e-9;  // m and rad: written numbers carry 17 digits
-  const std::string path = fs::is_directory(result_path)
-                               ? (fs::path(result_path) / "result.json").string()
-                               : result_path;
-  const std::string text = read_file(path);
-  refuse_other_kinds(text, path, Wanted::result);
-  const Node node = parse_json(text, path);
-  const Field all = top(node, path);
-  if (!all.has("robot") || !all["robot"].has("joints"))
-    throw InputError(path + ": is no result of `kincal calibrate`: it has no robot.joints");
-  const std::string doubt = verdict_doubt(all);
-  if (!force && all["status"].string() != "converged")
-    throw InputError(path + ": status: " + all["status"].string() +
-                     ": this result is not to be trusted" + (doubt.empty() ? "" : ": " + doubt) +
-                     "; --force applies it all the same");
-  if (all["robot"].has("urdf") && !all["robot"]["urdf"].boolean())
-    throw InputError(path +
-                     ": is about a robot without URDF: its mounts, ready to be copied, are in "
-                     "changes.yaml");
+  const ResultToApply result = open_result(result_path, force);
+  const std::string& path = result.path;
+  const Field all = result.all();
   const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
   UrdfChanges changes;
   std::vector<Pose> origins;
@@ -115,28 +151,45 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   if (held > 0)
     throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " +
                      std::to_string(joints.size()) + " changes of " + path + " already");
-  AppliedResult out;
-  if (!doubt.empty()) out.notes.push_back(path + ": " + doubt);
-  out.urdf = edit_urdf(urdf, changes);
+  AppliedResult out{"", notes_of(result, "a URDF")};
+  out.text = edit_urdf(urdf, changes);
   // The written origins hold the offsets: take these out of them again, so that the proof compares
   // file and model as in a calibration.
   std::vector<double> back(offsets.size());
   for (size_t j = 0; j < offsets.size(); ++j) back[j] = -offsets[j];
   try {
-    prove_urdf(out.urdf, urdf, fold_offsets(urdf.tree, origins, back), offsets);
+    prove_urdf(out.text, urdf, fold_offsets(urdf.tree, origins, back), offsets);
   } catch (const std::runtime_error& error) {
     throw InputError(path + ": robot: its numbers do not fit each other: " + error.what());
   }
-  if (!all["robot"].has("joint_models")) return out;
-  const Field models = all["robot"]["joint_models"];
-  for (const auto& [joint, model] : models.members()) {
-    std::string numbers;
-    for (const auto& [name, ignored] : models[joint].members())
-      if (name != "model") numbers += ", " + name + " = " + shortest(models[joint][name].number());
-    out.notes.push_back("joint '" + joint + "': a URDF cannot express its joint model (" +
-                        models[joint]["model"].string() + numbers +
-                        "); this one has its offset only");
+  return out;
+}
+
+AppliedResult apply_to_mjcf(const std::string& result_path, const std::string& text,
+                            const std::string& path, bool force) {
+  const ResultToApply result = open_result(result_path, force);
+  const CalibratedFiles files = read_calibrated(result.path);
+  const Tree& tree = files.rig_file.urdf.tree;
+  CalibratedTree robot{tree, {}, {}, {}};
+  for (const Joint& joint : tree.joints) robot.after.push_back(joint.parent_T_joint);
+  robot.before = robot.after;
+  const Field joints = result.all()["robot"]["joints"];
+  for (const auto& [name, ignored] : joints.members()) {
+    const int j = tree.find_joint(name);
+    if (j < 0) joints[name].fail("is no joint of " + files.rig_file.urdf.path);
+    robot.before[j] = read_exact_pose(joints[name]["old"]);
+    if (apart(robot.after[j], read_exact_pose(joints[name]["new"])) > kSame)
+      joints[name].fail("is not that of " + files.rig_file.urdf.path +
+                        ": this result.json belongs to another robot");
   }
+  const Rig& rig = files.rig_file.rig;
+  for (const Sensor& sensor : rig.sensors)
+    if (sensor.type == "camera" && sensor.pose_given)
+      robot.cameras.push_back(
+          {sensor.name, tree.find_link(rig.tree.links[sensor.link]), sensor.link_T_sensor});
+  EditedMjcf edited = edit_mjcf(text, path, robot);
+  AppliedResult out{std::move(edited.text), notes_of(result, "a MuJoCo model")};
+  for (const std::string& note : edited.notes) out.notes.push_back(path + ": " + note);
   return out;
 }
 

@@ -1,4 +1,4 @@
-// The changes of a result put into another copy of the robot.
+// The changes of a result put into another copy of the robot, a URDF or a MuJoCo model (MJCF).
 #pragma once
 
 #include <string>
@@ -9,7 +9,7 @@
 namespace kincal {
 
 struct AppliedResult {
-  std::string urdf;                // its text
+  std::string text;                // of the robot
   std::vector<std::string> notes;  // what of the result it does not hold
 };
 
@@ -18,5 +18,10 @@ struct AppliedResult {
 /// holds the changes already; if the
 ///         result's status is not `converged`, unless `force`.
 AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force);
+
+/// Returns the text of a MuJoCo model with its bodies where the result's robot.urdf has the links
+/// of their names (../urdf/edit_mjcf.h); `path` is the model's, for messages. @throws InputError
+AppliedResult apply_to_mjcf(const std::string& result_path, const std::string& text,
+                            const std::string& path, bool force);
 
 }  // namespace kincal

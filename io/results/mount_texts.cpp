@@ -16,14 +16,35 @@ std::string free_name(const std::string& name, const Taken& taken) {
   return out;
 }
 
-std::string in_xml(const std::string& text) {
+}  // namespace
+
+std::string xml_text(const std::string& text) {
   std::string out;
   for (const char c : text)
     out += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
   return out;
 }
 
-}  // namespace
+std::string fixed_joint_text(const std::string& joint, const std::string& parent,
+                             const std::string& child, const std::string& xyz,
+                             const std::string& rpy) {
+  return "<joint name=\"" + xml_text(joint) + "\" type=\"fixed\"><parent link=\"" +
+         xml_text(parent) + "\"/><child link=\"" + xml_text(child) + "\"/><origin xyz=\"" + xyz +
+         "\" rpy=\"" + rpy + "\"/></joint>";
+}
+
+std::string xacro_name(const std::string& name) {
+  std::string out = name;
+  for (char& c : out)
+    if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+  return out.empty() || std::isdigit(static_cast<unsigned char>(out[0])) ? "_" + out : out;
+}
+
+std::string xacro_origin(const std::string& name, const Pose& pose) {
+  return "<xacro:property name=\"" + name + "_xyz\" value=\"" + shortest(pose.translation) +
+         "\"/>\n<xacro:property name=\"" + name + "_rpy\" value=\"" +
+         shortest(Vector3d(rpy_from_rotation(pose.rotation))) + "\"/>\n";
+}
 
 std::string shell_word(const std::string& text) {
   const auto plain = [](unsigned char c) {
@@ -40,6 +61,10 @@ std::string new_link_name(const Tree& tree, const std::string& owner,
   return free_name(owner, [&](const std::string& name) {
     return tree.find_link(name) >= 0 || std::count(taken.begin(), taken.end(), name) > 0;
   });
+}
+
+std::string new_joint_name(const Tree& tree, const std::string& name) {
+  return free_name(name, [&](const std::string& n) { return tree.find_joint(n) >= 0; });
 }
 
 std::string ros1_static_transform(const Pose& parent_T_child, const std::string& parent,
@@ -74,13 +99,11 @@ std::vector<MountText> mount_texts(const Solution& solution) {
         tree.links[sensor ? rig.sensors[p.owner].link : rig.targets[p.owner].link];
     const std::string link = new_link_name(tree, owner, links);
     links.push_back(link);
-    const std::string joint =
-        free_name(link + "_mount", [&](const std::string& n) { return tree.find_joint(n) >= 0; });
     MountText text{(sensor ? "sensor/" : "target/") + owner, "", ""};
-    text.urdf = "<link name=\"" + in_xml(link) + "\"/>\n<joint name=\"" + in_xml(joint) +
-                "\" type=\"fixed\"><parent link=\"" + in_xml(parent) + "\"/><child link=\"" +
-                in_xml(link) + "\"/><origin xyz=\"" + shortest(e.pose->translation) + "\" rpy=\"" +
-                shortest(Vector3d(rpy_from_rotation(e.pose->rotation))) + "\"/></joint>";
+    text.urdf = "<link name=\"" + xml_text(link) + "\"/>\n" +
+                fixed_joint_text(new_joint_name(tree, link + "_mount"), parent, link,
+                                 shortest(e.pose->translation),
+                                 shortest(Vector3d(rpy_from_rotation(e.pose->rotation))));
     text.ros2 = ros2_static_transform(*e.pose, parent, link);
     out.push_back(std::move(text));
   }

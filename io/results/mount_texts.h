@@ -11,6 +11,18 @@ namespace kincal {
 /// Returns a text as a word of a shell's command line.
 std::string shell_word(const std::string& text);
 
+/// Returns a text as it stands in XML, between quotes and between elements.
+std::string xml_text(const std::string& text);
+/// Returns the <joint> of a fixed joint; `xyz` and `rpy` are those of its origin.
+std::string fixed_joint_text(const std::string& joint, const std::string& parent,
+                             const std::string& child, const std::string& xyz,
+                             const std::string& rpy);
+
+/// Returns a name as that of a xacro property may be: letters, digits and _.
+std::string xacro_name(const std::string& name);
+/// Returns the properties NAME_xyz and NAME_rpy, one a line.
+std::string xacro_origin(const std::string& name, const Pose& pose);
+
 /// A MountText is the pose of a sensor or mounted target that was estimated, which no joint of the
 /// URDF has. Both texts hang it on its link of the calibrated robot.
 struct MountText {
@@ -31,5 +43,8 @@ std::string ros2_static_transform(const Pose& parent_T_child, const std::string&
 /// nor of `taken` has it.
 std::string new_link_name(const Tree& tree, const std::string& owner,
                           const std::vector<std::string>& taken);
+
+/// Returns the name of a new joint: `name`, or with a number behind it where the robot has that.
+std::string new_joint_name(const Tree& tree, const std::string& name);
 
 }  // namespace kincal

@@ -61,41 +61,9 @@ void check_element(const Xml& xml, const pugi::xml_node& element) {
   }
 }
 
-/// The node after this one in the order of the text; null at the end. Without recursion: depth is
-/// the file's choice.
-pugi::xml_node next_node(pugi::xml_node node) {
-  if (node.first_child()) return node.first_child();
-  while (node && !node.next_sibling()) node = node.parent();
-  return node.next_sibling();
-}
-
 /// Is there an expression that xacro would have replaced?
 bool is_xacro(const std::string& text) {
   return text.find("${") != std::string::npos || text.find("$(") != std::string::npos;
-}
-
-std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, const char* attribute,
-                               size_t count) {
-  const std::string text = element.attribute(attribute).value();
-  std::vector<double> values;
-  const char *at = text.data(), *const end = at + text.size();
-  for (;;) {
-    while (at != end && is_blank(*at)) ++at;
-    if (at == end) break;
-    const char* const begin = at;
-    while (at != end && !is_blank(*at)) ++at;
-    values.push_back(0);
-    if (!to_number(begin, at, values.back()))
-      fail(xml, element,
-           std::string(attribute) + "=\"" + text + "\": '" + std::string(begin, at) +
-               "' is not a finite number" +
-               (is_xacro(text) ? "; run xacro first: it is not expanded" : ""));
-  }
-  if (values.size() != count)
-    fail(xml, element,
-         std::string(attribute) + "=\"" + text + "\" has " + std::to_string(values.size()) +
-             " numbers, " + std::to_string(count) + (count == 1 ? " is" : " are") + " needed");
-  return values;
 }
 
 }  // namespace
@@ -120,6 +88,12 @@ std::string where(const Xml& xml, const pugi::xml_node& element) {
 
 void fail(const Xml& xml, const pugi::xml_node& element, const std::string& what) {
   throw InputError(where(xml, element) + what);
+}
+
+pugi::xml_node next_node(pugi::xml_node node) {
+  if (node.first_child()) return node.first_child();
+  while (node && !node.next_sibling()) node = node.parent();
+  return node.next_sibling();
 }
 
 pugi::xml_node load_document(Xml& xml) {
@@ -155,6 +129,30 @@ bool to_number(const char* begin, const char* end, double& value) {
   if (end - begin > 1 && *begin == '+' && begin[1] != '-') ++begin;
   const auto result = std::from_chars(begin, end, value);
   return result.ec == std::errc() && result.ptr == end && std::isfinite(value);
+}
+
+std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, const char* attribute,
+                               size_t count) {
+  const std::string text = element.attribute(attribute).value();
+  std::vector<double> values;
+  const char *at = text.data(), *const end = at + text.size();
+  for (;;) {
+    while (at != end && is_blank(*at)) ++at;
+    if (at == end) break;
+    const char* const begin = at;
+    while (at != end && !is_blank(*at)) ++at;
+    values.push_back(0);
+    if (!to_number(begin, at, values.back()))
+      fail(xml, element,
+           std::string(attribute) + "=\"" + text + "\": '" + std::string(begin, at) +
+               "' is not a finite number" +
+               (is_xacro(text) ? "; run xacro first: it is not expanded" : ""));
+  }
+  if (values.size() != count)
+    fail(xml, element,
+         std::string(attribute) + "=\"" + text + "\" has " + std::to_string(values.size()) +
+             " numbers, " + std::to_string(count) + (count == 1 ? " is" : " are") + " needed");
+  return values;
 }
 
 Vector3d vector3(const Xml& xml, const pugi::xml_node& element, const char* attribute,

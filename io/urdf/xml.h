@@ -25,6 +25,10 @@ struct Xml {
 /// @throws InputError
 pugi::xml_node load_document(Xml& xml);
 
+/// Returns the node after this one in the order of the text; null at the end. Without recursion:
+/// depth is the file's choice.
+pugi::xml_node next_node(pugi::xml_node node);
+
 /// Parses a URDF and returns <robot>. @throws InputError
 pugi::xml_node load(Xml& xml);
 
@@ -43,6 +47,11 @@ bool is_blank(char c);
 
 /// Reads all of [begin, end) as one finite number; false: it is none.
 bool to_number(const char* begin, const char* end, double& value);
+
+/// Reads all numbers of an attribute that is there. Another count fails, as what is no finite
+/// number.
+std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, const char* attribute,
+                               size_t count);
 
 /// Both read an attribute, as three numbers or one; `absent` stands for one that is not there. They
 /// fail on anything else.

@@ -11,9 +11,12 @@
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
+#include "../../io/exchange/dh.h"
 #include "../../io/exchange/kalibr_target.h"
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/exchange/robot_exports.h"
+#include "../../io/exchange/ur_kinematics.h"
 #include "../../io/exchange/write_lens.h"
 #include "../../io/results/apply.h"
 #include "../../io/results/comparison.h"
@@ -22,6 +25,7 @@
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
 #include "../../io/urdf/edit.h"
+#include "../../io/urdf/edit_mjcf.h"
 #include "../../models/report/study.h"
 #include "fuzz.h"
 
@@ -68,6 +72,19 @@ void urdf(const std::string& text) {
   again([&] { return parse_urdf(edit_urdf(urdf, changes), "written.urdf"); });
 }
 
+/// A model whose robot has other origins: what is written is that robot's.
+void mjcf(const std::string& text) {
+  static const Urdf urdf = read_urdf(KINCAL_FUZZ_CORPUS "/urdf/robot.urdf");
+  CalibratedTree robot{urdf.tree, {}, {}, {{"eye", 2, Pose()}}};
+  for (const Joint& joint : urdf.tree.joints) robot.before.push_back(joint.parent_T_joint);
+  robot.after = robot.before;
+  for (Pose& origin : robot.after)
+    origin = origin * Pose{rotation_about(Vector3d::UnitY(), 0.01), Vector3d(0.001, 0.002, 0)};
+  const std::string written = edit_mjcf(text, "model.xml", robot).text;
+  const CalibratedTree same{urdf.tree, robot.after, robot.after, {}};
+  again([&] { return edit_mjcf(written, "written.xml", same); });
+}
+
 void rig(const std::string& text) {
   const RigFile file = read_rig(in_file("any.yaml", text));
   const std::string written = rig_text(file, values_of(file.rig), "robot.urdf");
@@ -90,6 +107,28 @@ void result(const std::string& text) {
   const CalibratedFiles files = read_calibrated(path);
   comparison_json(files, files, compare(files, files, {}, ""));
   apply_result(path, nominal, true);
+}
+
+/// A table becomes a URDF. A robot that it makes may still be refused, for names of its joints.
+void dh(const std::string& text) {
+  const std::string path = in_file("table.csv", text);
+  for (const bool modified : {false, true})
+    parse_urdf(dh_urdf(read_dh(path, modified), "robot"), "table.urdf");
+}
+
+void kinematics(const std::string& text) {
+  const UrKinematics read = read_ur_kinematics(in_file("kinematics.yaml", text));
+  again([&] { return read_ur_kinematics(in_file("written.yaml", ur_kinematics_text(read))); });
+}
+
+/// Motors of LeRobot, of a robot with offsets.
+void lerobot(const std::string& text) {
+  static const CalibratedFiles files = read_calibrated(path_of("rig.yaml"));
+  RobotNumbers robot = robot_numbers(files);
+  for (double& offset : robot.offsets) offset = 0.1;
+  std::vector<std::string> notes;
+  const std::string written = lerobot_text(robot, in_file("arm.json", text), "dynamixel", notes);
+  again([&] { return lerobot_text(robot, in_file("written.json", written), "dynamixel", notes); });
 }
 
 /// A file of another program.
@@ -140,9 +179,18 @@ void calibration(const std::string& text) {
 }
 
 Readers all_readers() {
-  Readers out = {{"urdf", urdf},       {"rig", rig},       {"samples", samples},
-                 {"truth", truth},     {"result", result}, {"calibration", calibration},
-                 {"foreign", foreign}, {"poses", poses}};
+  Readers out = {{"urdf", urdf},
+                 {"rig", rig},
+                 {"samples", samples},
+                 {"truth", truth},
+                 {"result", result},
+                 {"calibration", calibration},
+                 {"foreign", foreign},
+                 {"poses", poses},
+                 {"mjcf", mjcf},
+                 {"dh", dh},
+                 {"kinematics", kinematics},
+                 {"lerobot", lerobot}};
 #ifdef KINCAL_FUZZ_BAGS
   out.merge(bag_readers());
 #endif

@@ -956,6 +956,21 @@ class Writing(Case):
 # ----------------------------------------------------------------------------- results
 
 class Results(Case):
+    def test_json_without_a_folder(self):
+        """What is printed is the result.json that would be written; the folder stays as it was."""
+        def plain(text):
+            return re.sub(r'"(command|date|seconds)": *("(?:[^"\\]|\\.)*"|[-+0-9.e]+)', "", text)
+        before = sorted(os.listdir(self.dir))
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--json")
+        self.assertEqual((run.code, run.err), (0, ""))
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+        self.assertEqual(self.calibrate("--json").code, 0)
+        strict_json(run.out)
+        self.assertEqual(plain(run.out), plain(self.read("out", "result.json")))
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--quiet")
+        self.assertEqual(run.code, 1)
+        self.assertIn("--out DIR is required", run.err)
+
     def test_files_and_fields(self):
         run = self.calibrate()
         self.assertEqual(run.code, 0, run.err)

@@ -1,9 +1,9 @@
 """Files of other programs, out and in: python3 exchange_test.py SOURCE_DIR KINCAL [TEST ...]
 
 Proves: what `export` writes is what ROS, OpenCV, Kalibr and easy_handeye read, as far as a YAML reader and their own formulas (written
-here) tell: camera_info's P projects as the rig's camera does, T_cn_cnm1 and the static transforms are where the rig's frames are; `import`
-of what was exported gives the same numbers; files as those programs write them are read, and what kincal does not have is refused with
-file, line, field and what is valid; poses of a flange in the conventions of six makers against elementary rotations; samples of hand-eye
+here) tell: camera_info's P projects as the rig's camera does, T_cn_cnm1, the static transforms, URDF and xacro are where the rig's frames are,
+also for a driver's own frame; `import` of what was exported gives the same numbers; files as those programs write them are read, and what
+kincal does not have is refused with file, line, field and what is valid; poses of a flange in the conventions of six makers against elementary rotations; samples of hand-eye
 programs, calibrated, give the pose that they were made with. Not proved: that every version of these programs takes the files.
 """
 import json
@@ -13,6 +13,7 @@ import re
 import subprocess
 import sys
 import unittest
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -242,6 +243,131 @@ class Export(Case):
         self.fails(["export", "nowhere", "--as", "kalibr"], "nowhere")
         self.good("export", "rig.yaml", "--as", "opencv", "--sensor", "left", "--out", "file.yml")
         self.fails(["export", "rig.yaml", "--as", "opencv", "--sensor", "left", "--out", "file.yml"], "file.yml", "--force")
+
+
+def origin_of(element):
+    numbers = lambda key: [float(v) for v in element.get(key).split()]
+    return pose(numbers("xyz"), numbers("rpy"))
+
+
+def expanded(xacro):
+    """What xacro makes of the few things that are written: properties, and ${NAME} in attributes."""
+    root = ElementTree.fromstring('<robot xmlns:xacro="http://www.ros.org/wiki/xacro">%s</robot>' % xacro)
+    values = {}
+    for node in root.findall("{http://www.ros.org/wiki/xacro}property"):
+        assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", node.get("name")), node.get("name")
+        values[node.get("name")] = node.get("value")
+        root.remove(node)
+    for node in root.iter():
+        for key, text in node.attrib.items():
+            node.set(key, re.sub(r"\$\{(\w+)\}", lambda m: values[m.group(1)], text))
+    return root
+
+
+class Mounts(Case):
+    """Where people put it: on their description of the robot, by the frame of the sensor's driver."""
+    OPTICAL = pose((0.01, 0.02, 0.03), (0.1, 0.2, 0.3)) @ pose((0.001, 0.00002, 0.003), (0.01, 0.02, 0.03))  # of left, in tool
+
+    def test_urdf(self):
+        robot = ElementTree.fromstring("<robot>%s</robot>" % self.exported("urdf"))
+        self.assertEqual([link.get("name") for link in robot.findall("link")], ["left", "right", "fixed", "board", "held"])
+        joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
+        self.assertEqual({joint.get("type") for joint in joints.values()}, {"fixed"})
+        self.assertEqual(joints["right"].find("parent").get("link"), "second")
+        np.testing.assert_allclose(origin_of(joints["right"].find("origin")), pose((0, 0.1, 0), (0.2, 0, 0)), atol=1e-12)
+        self.assertIn("stereo", self.good("export", "rig.yaml", "--as", "urdf").stderr)  # it has no pose
+
+    def test_xacro_is_the_urdf(self):
+        for more in ([], ["--sensor", "fixed"], ["--sensor", "left", "--child", "camera_link", "--known", "0.1 0 0 0 0 0.5"]):
+            plain, with_properties = self.exported("urdf", *more), self.exported("xacro", *more)
+            self.assertIn("${", with_properties)
+            texts = [ElementTree.tostring(root).decode().split() for root in (ElementTree.fromstring("<robot>%s</robot>" % plain), expanded(with_properties))]
+            self.assertEqual("".join(texts[0]), "".join(texts[1]))
+        self.write("rig.yaml", RIG.replace("  right:", "  9-right.a:"))
+        self.assertIn('name="_9_right_a_xyz"', self.exported("xacro", "--sensor", "9-right.a"))
+
+    def test_frame_of_a_driver(self):
+        """camera_link is not the optical frame: the driver says what is between."""
+        link_optical = pose((0.0175, -0.01, 0.0125), (-math.pi / 2, 0, -math.pi / 2 + 0.002))
+        x, y, z, w = quat_of(link_optical[:3, :3])
+        for known in ("0.0175 -0.01 0.0125 %.17g 0 %.17g" % (-math.pi / 2, -math.pi / 2 + 0.002), "0.0175, -0.01, 0.0125, %.17g, %.17g, %.17g, %.17g" % (x, y, z, w)):
+            robot = ElementTree.fromstring("<robot>%s</robot>" % self.exported("urdf", "--sensor", "left", "--child", "camera_link", "--known", known))
+            joint = robot.find("joint")
+            self.assertEqual((joint.find("parent").get("link"), joint.find("child").get("link"), robot.find("link").get("name")), ("optical", "camera_link", "camera_link"))
+            placed = pose((0.01, 0.02, 0.03), (0.1, 0.2, 0.3)) @ origin_of(joint.find("origin"))
+            np.testing.assert_allclose(placed @ link_optical, self.OPTICAL, atol=1e-12)
+        line = self.exported("static_transforms", "--sensor", "left", "--child", "camera_link", "--known", known).splitlines()[1].split()
+        words = dict(zip(line[4::2], line[5::2]))
+        self.assertEqual((words["--frame-id"], words["--child-frame-id"]), ("optical", "camera_link"))
+        np.testing.assert_allclose(from_quat([float(words["--" + k]) for k in "xyz"], [float(words["--q" + k]) for k in "xyzw"]), origin_of(joint.find("origin")), atol=1e-12)
+
+    def test_frame_that_the_robot_has(self):
+        """The joint above camera_link gets another origin; what is below it stays as it is."""
+        below = pose((0, 0.015, 0.001), (-1.57, 0, -1.57))
+        self.write("arm.urdf", URDF.replace('<joint name="cam_joint"', '<link name="camera_link"/><joint name="cam_joint"').replace(
+            '<child link="optical"/><origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/></joint>', '<child link="camera_link"/><origin xyz="0.01 0.02 0.03" rpy="0.1 0.2 0.3"/></joint>'
+            '<joint name="optical_joint" type="fixed"><parent link="camera_link"/><child link="optical"/><origin xyz="0 0.015 0.001" rpy="-1.57 0 -1.57"/></joint>'))
+        sensor = pose((0.001, 0.00002, 0.003), (0.01, 0.02, 0.03))
+        for known in ([], ["--known", "optical"], ["--known", "0 0.015 0.001 -1.57 0 -1.57"]):
+            text = self.exported("urdf", "--sensor", "left", "--child", "camera_link", *known)
+            self.assertIn("in place of the robot's joint 'cam_joint'", text)
+            robot = ElementTree.fromstring("<robot>%s</robot>" % text)
+            self.assertEqual(robot.findall("link"), [])
+            joint = robot.find("joint")
+            self.assertEqual((joint.get("name"), joint.find("parent").get("link"), joint.find("child").get("link")), ("cam_joint", "tool", "camera_link"))
+            np.testing.assert_allclose(origin_of(joint.find("origin")) @ below, pose((0.01, 0.02, 0.03), (0.1, 0.2, 0.3)) @ below @ sensor, atol=1e-12)
+        # a sensor of the rig that sits on the flange, with the driver's frames beside it
+        self.write("rig.yaml", RIG.replace("    link: optical\n    pose: {xyz: [0.001, 0.00002, 0.003]", "    link: tool\n    pose: {xyz: [0.001, 0.00002, 0.003]"))
+        joint = ElementTree.fromstring("<robot>%s</robot>" % self.exported("urdf", "--sensor", "left", "--child", "camera_link", "--known", "optical")).find("joint")
+        np.testing.assert_allclose(origin_of(joint.find("origin")) @ below, sensor, atol=1e-12)
+        self.fails(["export", "rig.yaml", "--as", "urdf", "--sensor", "left", "--child", "camera_link"], "--child", "'tool'", "--known")
+
+    def test_poses(self):
+        """Numbers of controllers, against elementary rotations; and all formats through `import`, whose formulas are tested below."""
+        shall = pose((0.2, 0, 0.01)) , pose((0, 0, 0.2), (1, 0, 0))
+        rows = {}
+        for format in ("kuka", "fanuc", "abb", "rotvec", "xyzw", "wxyz", "rpy", "rpy_deg", "matrix"):
+            text = self.exported("poses", "--pose-format", format)
+            lines = [line.split(",") for line in text.splitlines()]
+            self.assertEqual([line[:2] for line in lines[1:]], [["left", "optical"], ["right", "second"], ["fixed", "cam_mount"], ["board", "base"], ["held", "tool"]])
+            rows[format] = {line[0]: [float(v) for v in line[2:]] for line in lines[1:]}
+            self.write("p.csv", text)
+            read = [json.loads(line) for line in self.good("import", "p.csv", "--pose-format", format).stdout.splitlines()]
+            self.assertEqual([line["id"] for line in read], ["left", "right", "fixed", "board", "held"])
+            for line, t in ((read[4], shall[0]), (read[2], shall[1]), (read[3], pose((1, 0.1, 0.2), (0.1, 0.2, 0.3)))):
+                flange = line["joints"]["flange"]
+                np.testing.assert_allclose(from_quat(flange["xyz"], flange["quat"]), t, atol=1e-12)
+        x, y, z, a, b, c = rows["kuka"]["board"]
+        np.testing.assert_allclose(about(Z, a * DEG) @ about(Y, b * DEG) @ about(X, c * DEG), rpy(0.1, 0.2, 0.3), atol=1e-12)
+        np.testing.assert_allclose([x, y, z], [1000, 100, 200], atol=1e-9)
+        x, y, z, w, p, r = rows["fanuc"]["board"]
+        np.testing.assert_allclose(about(Z, r * DEG) @ about(Y, p * DEG) @ about(X, w * DEG), rpy(0.1, 0.2, 0.3), atol=1e-12)
+        turned = np.array(rows["rotvec"]["board"][3:])
+        np.testing.assert_allclose(about(turned / np.linalg.norm(turned), np.linalg.norm(turned)), rpy(0.1, 0.2, 0.3), atol=1e-12)
+        np.testing.assert_allclose(np.reshape(rows["matrix"]["board"], (4, 4)), pose((1, 0.1, 0.2), (0.1, 0.2, 0.3)), atol=1e-12)
+        self.assertEqual(rows["abb"]["held"], [200, 0, 10, 1, 0, 0, 0])
+        # what a joint places, and a driver's frame
+        self.write("rig.yaml", RIG.replace("    link: optical\n    pose: {xyz: [0.001,", "    link: optical\n    mount: joint/cam_joint\n    pose: {xyz: [0.001,"))
+        name, link, *numbers = self.exported("poses", "--pose-format", "matrix", "--sensor", "left").splitlines()[1].split(",")
+        self.assertEqual((name, link), ("left", "tool"))
+        np.testing.assert_allclose(np.reshape([float(v) for v in numbers], (4, 4)), self.OPTICAL, atol=1e-12)
+        self.assertIn("left,tool,", self.exported("poses", "--pose-format", "kuka", "--sensor", "left", "--child", "camera_link", "--known", "0 0 0 0 0 0"))
+        self.fails(["export", "rig.yaml", "--as", "poses"], "--pose-format is missing", "kuka")
+        self.fails(["export", "rig.yaml", "--as", "poses", "--pose-format", "kuk"], "--pose-format", "kuka")
+        self.fails(["export", "rig.yaml", "--as", "urdf", "--pose-format", "kuka"], "--pose-format", "poses")
+
+    def test_wrong(self):
+        base = ["export", "rig.yaml", "--as", "urdf"]
+        self.fails([*base, "--child", "camera_link", "--known", "0 0 0 0 0 0"], "--child is about one sensor", "left, right")
+        self.fails([*base, "--sensor", "left", "--child", "camera_link"], "'camera_link' is no link", "--known")
+        self.fails([*base, "--sensor", "left", "--child", "optica"], "nearest: optical")
+        self.fails([*base, "--sensor", "left", "--child", "optical", "--known", "0 0 0"], "--known", "'0 0 0'")
+        self.fails([*base, "--sensor", "left", "--child", "a", "--known", "0 0 0 1 1 0 0"], "--known", "length")
+        self.fails([*base, "--sensor", "left", "--child", "tool"], "'tool'", "moves")
+        self.fails([*base, "--sensor", "left", "--child", "base", "--known", "0 0 0 0 0 0"], "root")
+        self.fails([*base, "--sensor", "left", "--known", "0 0 0 0 0 0"], "--child", "missing")
+        self.fails([*base, "--sensor", "stereo", "--child", "a", "--known", "0 0 0 0 0 0"], "sensors.stereo", "kincal calibrate")
+        self.fails(["export", "rig.yaml", "--as", "kalibr", "--child", "a"], "--child", "static_transforms, urdf, xacro, poses")
 
 
 # ------------------------------------------------------------------------------------------------ in

@@ -145,7 +145,7 @@ TEST_CASE("joint models through the files: what a URDF cannot express is not los
 
   const AppliedResult applied = apply_result(place.write("result.json", files.result_json),
                                              parse_urdf(kRobot, "copy.urdf"), false);
-  CHECK(applied.urdf == files.robot_urdf);
+  CHECK(applied.text == files.robot_urdf);
   REQUIRE(applied.notes.size() == 1);
   CHECK_THAT(applied.notes[0], Contains("joint 'elbow'") && Contains("(quadratic, scale = 1.0") &&
                                    Contains(", bend = 0.0"));
