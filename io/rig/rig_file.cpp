@@ -208,7 +208,9 @@ void read_camera(const Field& field, Sensor& sensor) {
                                                      {"rational_polynomial", Lens::brown_conrady},
                                                      {"kannala_brandt", Lens::kannala_brandt},
                                                      {"equidistant", Lens::kannala_brandt},
-                                                     {"fisheye", Lens::kannala_brandt}};
+                                                     {"fisheye", Lens::kannala_brandt},
+                                                     {"unified", Lens::unified},
+                                                     {"double_sphere", Lens::double_sphere}};
   const std::string model = field["model"].string();
   const auto lens = lenses.find(model);
   if (lens == lenses.end()) {
@@ -216,18 +218,17 @@ void read_camera(const Field& field, Sensor& sensor) {
     for (const auto& one : lenses) names.push_back(one.first);
     field["model"].fail("unknown model '" + model + "'" + nearest_names(model, names) +
                         "; valid: pinhole (no distortion), brown_conrady (k1 k2 p1 p2 k3 "
-                        "[k4 k5 k6]; ROS calls it plumb_bob, with 8 numbers rational_polynomial), "
-                        "kannala_brandt (k1 k2 k3 k4; ROS calls it equidistant, OpenCV fisheye)");
+                        "[k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]; ROS calls it plumb_bob, with 8 "
+                        "numbers rational_polynomial), kannala_brandt (k1 k2 k3 k4; ROS calls it "
+                        "equidistant, OpenCV fisheye), unified (xi k1 k2 p1 p2), double_sphere (xi "
+                        "alpha)");
   }
   const std::vector<double> intrinsics = field["intrinsics"].vector(4);
   for (size_t i = 0; i < 2; ++i) field["intrinsics"].item(i).positive();
   const bool pinhole = lens->second == Lens::pinhole;
-  const bool eight = model == "rational_polynomial";
-  std::vector<double> distortion(pinhole                                ? 0
-                                 : lens->second == Lens::kannala_brandt ? 4
-                                 : eight                                ? 8
-                                                                        : 5,
-                                 0.0);
+  const LensType& type = lens_type(lens->second);
+  std::vector<double> distortion = type.plain;
+  distortion.resize(model == "rational_polynomial" ? 8 : type.counts[0], 0.0);
   if (field.has("distortion")) {
     distortion = field["distortion"].vector();
     if (pinhole &&

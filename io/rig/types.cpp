@@ -73,6 +73,12 @@ bool is_guess(const Field& sigma) {
   return true;
 }
 
+std::string ros_lens(const std::string& model, size_t numbers) {
+  if (model == "kannala_brandt") return "equidistant";
+  if (model != "pinhole" && model != "brown_conrady") return model;
+  return numbers < 8 ? "plumb_bob" : "rational_polynomial";
+}
+
 std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {
   const Names names = sigma_names(sensor);
   if (names.empty()) {
