@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <sstream>
 #include <string_view>
 
@@ -10,6 +11,7 @@
 #include "../document/kinds.h"
 #include "../document/yaml.h"
 #include "../urdf/xml.h"
+#include "camera_texts.h"
 
 namespace kincal {
 namespace {
@@ -83,6 +85,7 @@ Node read_foreign(const std::string& path) {
   if (begin == std::string::npos) throw InputError(path + ": the file is empty");
   if (text[begin] != '<') {
     refuse_other_kinds(text, path, Wanted::foreign);
+    if (std::optional<Node> cameras = camera_text(text, path)) return *cameras;
     return foreign_yaml(text, path);
   }
   Xml xml{text, path};

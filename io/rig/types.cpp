@@ -67,12 +67,6 @@ bool sigma_by_axis(const Sensor& sensor) {
   return !keys || keys->by_axis;
 }
 
-bool is_guess(const Field& sigma) {
-  if (sigma.node->kind != Node::Kind::mapping || !sigma.has("guess")) return false;
-  sigma.check_keys({"guess"});
-  return true;
-}
-
 std::string ros_lens(const std::string& model, size_t numbers) {
   if (model == "kannala_brandt") return "equidistant";
   if (model != "pinhole" && model != "brown_conrady") return model;
@@ -85,6 +79,12 @@ std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {
     const int count = sensor.model->sigmas();
     const bool list = sigma_by_axis(sensor) && field.node->kind == Node::Kind::sequence;
     if (!list) return std::vector<double>(count, field.positive());
+bool is_guess(const Field& sigma) {
+  if (sigma.node->kind != Node::Kind::mapping || !sigma.has("guess")) return false;
+  sigma.check_keys({"guess"});
+  return true;
+}
+
     const std::vector<double> sigma = field.vector(count);
     for (size_t i = 0; i < sigma.size(); ++i) field.item(i).positive();
     return sigma;
