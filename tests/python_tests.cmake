@@ -46,6 +46,7 @@ endforeach()
 
 kincal_python_test(fleet fleet_test.py cli 600 ${kincal_program})
 kincal_python_test(flange flange_test.py cli 300 ${kincal_program})
+kincal_python_test(lenses lenses_test.py cli 600 ${kincal_program})
 foreach(group Export Import Poses HandEye Numbers)
   kincal_python_test(exchange.${group} exchange_test.py cli 300 ${kincal_program} ${group})
 endforeach()

@@ -250,6 +250,13 @@ void read_camera(const Field& field, Sensor& sensor) {
   sensor.image_height = size.item(1).integer(1, 1'000'000);
 }
 
+void read_range(const Field& field, Sensor& sensor) {
+  const double scale = field.has("range_scale") ? field["range_scale"].positive() : 1;
+  const double offset = field.has("range_offset") ? field["range_offset"].number() : 0;
+  sensor.model = make_ranged_point();
+  sensor.parameters = range_parameters(scale, offset);
+}
+
 void read_scanning_joint(const Field& field, const Tree& tree, const Path& path, int base,
                          Sensor& sensor) {
   const std::string name = field.string();
@@ -289,6 +296,7 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
   sensor.sigma = read_sigma(is_guess(sigma) ? sigma["guess"] : sigma, sensor);
   if (is_guess(sigma)) sensor.noise_guess = sensor.sigma;
   if (sensor.type == "camera") read_camera(field, sensor);
+  if (field.has("range_scale") || field.has("range_offset")) read_range(field, sensor);
   if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
   return sensor;
 }

@@ -17,36 +17,42 @@ const std::vector<TargetKeys>& target_types() {
 }
 
 const std::vector<SensorKeys>& sensor_types() {
-  static const std::vector<SensorKeys> types = {
-      {"camera",
-       {"model", "intrinsics", "sigma"},
-       {"image_size", "distortion", "baseline"},
-       "pixels",
-       [] { return make_camera(Lens::pinhole, 0); },
-       "0.2",
-       "px"},
-      {"point", {"sigma"}, {}, "points", make_point, "0.0002", "m", true},
-      {"pose",
-       {"sigma"},
-       {},
-       "pose",
-       make_pose,
-       "{translation: 0.0005, rotation: 0.001}",
-       "m, rad"},
-      {"chain",
-       {"sigma"},
-       {},
-       "",
-       make_chain,
-       "{translation: 0.0005, rotation: 0.001}",
-       "m, rad; of the grip"},
-      {"tilting_laser",
-       {"joint", "sigma"},
-       {},
-       "rays",
-       make_tilting_laser,
-       "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
-       "rad, rad, m"}};
+  static const std::vector<SensorKeys> types = {{"camera",
+                                                 {"model", "intrinsics", "sigma"},
+                                                 {"image_size", "distortion", "baseline"},
+                                                 "pixels",
+                                                 [] { return make_camera(Lens::pinhole, 0); },
+                                                 "0.2",
+                                                 "px"},
+                                                {"point",
+                                                 {"sigma"},
+                                                 {"range_scale", "range_offset"},
+                                                 "points",
+                                                 make_point,
+                                                 "0.0002",
+                                                 "m",
+                                                 true},
+                                                {"pose",
+                                                 {"sigma"},
+                                                 {},
+                                                 "pose",
+                                                 make_pose,
+                                                 "{translation: 0.0005, rotation: 0.001}",
+                                                 "m, rad"},
+                                                {"chain",
+                                                 {"sigma"},
+                                                 {},
+                                                 "",
+                                                 make_chain,
+                                                 "{translation: 0.0005, rotation: 0.001}",
+                                                 "m, rad; of the grip"},
+                                                {"tilting_laser",
+                                                 {"joint", "sigma"},
+                                                 {},
+                                                 "rays",
+                                                 make_tilting_laser,
+                                                 "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
+                                                 "rad, rad, m"}};
   return types;
 }
 
@@ -73,18 +79,18 @@ std::string ros_lens(const std::string& model, size_t numbers) {
   return numbers < 8 ? "plumb_bob" : "rational_polynomial";
 }
 
-std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {
-  const Names names = sigma_names(sensor);
-  if (names.empty()) {
-    const int count = sensor.model->sigmas();
-    const bool list = sigma_by_axis(sensor) && field.node->kind == Node::Kind::sequence;
-    if (!list) return std::vector<double>(count, field.positive());
 bool is_guess(const Field& sigma) {
   if (sigma.node->kind != Node::Kind::mapping || !sigma.has("guess")) return false;
   sigma.check_keys({"guess"});
   return true;
 }
 
+std::vector<double> read_sigma(const Field& field, const Sensor& sensor) {
+  const Names names = sigma_names(sensor);
+  if (names.empty()) {
+    const int count = sensor.model->sigmas();
+    const bool list = sigma_by_axis(sensor) && field.node->kind == Node::Kind::sequence;
+    if (!list) return std::vector<double>(count, field.positive());
     const std::vector<double> sigma = field.vector(count);
     for (size_t i = 0; i < sigma.size(); ++i) field.item(i).positive();
     return sigma;

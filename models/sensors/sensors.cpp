@@ -103,6 +103,12 @@ std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<doubl
 std::shared_ptr<const SensorModel> make_point() {
   return std::make_shared<PointwiseSensor<PointSensor>>(PointSensor(), "m", view_kernels().point);
 }
+std::shared_ptr<const SensorModel> make_ranged_point() {
+  return std::make_shared<PointwiseSensor<RangedPoint>>();
+}
+std::vector<ParameterBlock> range_parameters(double scale, double offset) {
+  return {{"range_scale", {""}, {""}, {scale}}, {"range_offset", {""}, {"m"}, {offset}}};
+}
 std::shared_ptr<const SensorModel> make_pose() { return std::make_shared<PoseSensor>(true); }
 std::shared_ptr<const SensorModel> make_chain() { return std::make_shared<PoseSensor>(false); }
 std::shared_ptr<const SensorModel> make_tilting_laser() { return std::make_shared<TiltingLaser>(); }

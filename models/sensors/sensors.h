@@ -36,6 +36,10 @@ std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<doubl
                                               double baseline);
 /// Makes a sensor of 3-D points in its own frame, m.
 std::shared_ptr<const SensorModel> make_point();
+/// Makes the same with scale and offset (m) of the range along the ray. Its own blocks are
+/// "range_scale" and "range_offset".
+std::shared_ptr<const SensorModel> make_ranged_point();
+std::vector<ParameterBlock> range_parameters(double scale, double offset);
 /// Makes a sensor of sensor_T_target; its numbers are x y z qx qy qz qw.
 std::shared_ptr<const SensorModel> make_pose();
 /// Makes a chain: the joint readings are the measurement, the target is at link_T_target. It has no

@@ -554,6 +554,41 @@ TEST_CASE("point: value and derivatives") {
   }
 }
 
+TEST_CASE("point with a range: value, derivatives, the sensor's origin") {
+  Random random(25);
+  Stage s;
+  s.owner = make_ranged_point();
+  s.model = s.owner.get();
+  CHECK((s.model->rows() == 3 && s.model->measurement_kind() == MeasurementKind::points));
+  set_grid(s);
+  for (int i = 0; i < 12; ++i) s.z.push_back(random.uniform(-1, 1));
+  for (const std::vector<double>& numbers :
+       {std::vector<double>{1, 0}, {1.02, 0.015}, {0.97, -0.03}}) {
+    s.parameters = numbers;
+    for (int trial = 0; trial < 5; ++trial) {
+      s.pose = random.pose(1, 3);
+      s.pose.translation.z() += 2;
+      const VectorXd r = s.residual();
+      for (int i = 0; i < 4; ++i) {
+        const Vector3d p = isometry(s.pose) * Vector3d(s.points.col(s.ids[i]));
+        const Vector3d seen = p.normalized() * (numbers[0] * p.norm() + numbers[1]);
+        CHECK((r.segment<3>(3 * i) - (seen - Vector3d(s.z[3 * i], s.z[3 * i + 1], s.z[3 * i + 2])))
+                  .norm() < 1e-14);
+      }
+      check_derivatives(s);
+    }
+  }
+  // A tip in the sensor's own origin has no ray: it measures 0 where no offset says otherwise.
+  s.ids = {0};
+  s.z.resize(3);
+  s.pose = Pose();
+  VectorXd r(3);
+  CHECK_FALSE(s.model->evaluate(s.input(), Columns(), r.data(), nullptr));
+  s.parameters = {1.02, 0};
+  REQUIRE(s.model->evaluate(s.input(), Columns(), r.data(), nullptr));
+  CHECK(r == -Eigen::Map<const VectorXd>(s.z.data(), 3));
+}
+
 TEST_CASE(
     "pose and chain: value and derivatives at random, next to the identity and next to half a "
     "turn") {
