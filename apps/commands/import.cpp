@@ -390,12 +390,14 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
   auto a = std::make_shared<ImportArguments>();
   CLI::App* command = app.add_subcommand(
       "import",
-      "Read recordings and files of other programs: ROS, OpenCV, Kalibr, easy_handeye, MoveIt");
+      "Read recordings and files of other programs: ROS, OpenCV, Kalibr, VINS, Basalt, mrcal, "
+      "easy_handeye, MoveIt");
   command
       ->add_option("FILE", a->files,
                    "recordings (ROS 1 bags, MCAP, SQLite files and folders of rosbag2); or one of: "
-                   "camera_info YAML or message (ROS), camera YAML or XML (OpenCV), camchain or "
-                   "target YAML (Kalibr), samples of poses (easy_handeye, MoveIt), a data set of "
+                   "camera_info YAML or message or ost.txt (ROS), camera YAML or XML (OpenCV), "
+                   "camchain or target YAML (Kalibr), cameras of VINS, Basalt, mrcal, MC-Calib and "
+                   "rs-enumerate-devices, samples of poses (easy_handeye, MoveIt), a data set of "
                    "ATOM, poses of the flange or readings of joints (tables, arrays of numpy, "
                    "matrices, lists in YAML or JSON; alone: says what it seems to be)")
       ->required();
@@ -408,8 +410,9 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
   command->add_option("--target", a->target, "the target of the rig, for a target's file; likewise")
       ->type_name("NAME");
   command
-      ->add_option("--camera", a->lens.camera,
-                   "which camera of the file: cam0, cam1, ... (Kalibr); 1 or 2 (M1, M2 of OpenCV)")
+      ->add_option(
+          "--camera", a->lens.camera,
+          "which camera of the file: cam0, cam1, ... (Kalibr, Basalt); 1 or 2 (M1, M2 of OpenCV)")
       ->type_name("NAME");
   command->add_flag("--rectified", a->lens.rectified,
                     "the images are rectified: take P of camera_info, with the baseline, in place "

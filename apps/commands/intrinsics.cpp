@@ -86,12 +86,14 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
                    "new directory for rig.yaml, robot.urdf, intrinsics.json, coverage.svg")
       ->required();
   std::vector<std::string> models = {"auto", "rig"};
-  for (const LensModel& model : lens_models()) models.push_back(model.name);
+  for (const auto* lenses : {&lens_models(), &further_lens_models()})
+    for (const LensModel& model : *lenses) models.push_back(model.name);
   command
       ->add_option("--model", a->options.model,
                    "lens: the simplest that is not worse on samples held out (auto), each camera's "
                    "own (rig), or a name; the number\n"
-                   "is that of the coefficients, in the order k1 k2 p1 p2 k3 k4 k5 k6")
+                   "is that of the coefficients, in the order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 "
+                   "tau_x tau_y; auto does not try those of 12 and 14, unified and double_sphere")
       ->check(CLI::IsMember(models))
       ->capture_default_str();
   command

@@ -131,7 +131,8 @@ std::string change_table(const Field& result) {
       changes.push_back(
           {weight_of(change, units[c]),
            std::abs(change),
-           {component_name(name, part_name(name, c, after.size())),
+           {component_name(name, p.has("components") ? p["components"].item(c).string()
+                                                     : part_name(name, c, after.size())),
             text("%+.4g", change * unit.factor),
             std::isfinite(sigma) ? text("± %.2g", sigma * unit.factor) : "not known", unit.name}});
     }

@@ -247,6 +247,8 @@ std::string cure_of(const Likeness& looks, Wanted wanted) {
   if (looks.is == Wanted::rig && lines) return "the rig comes first, then these";
   if (looks.is == Wanted::rig && wanted == Wanted::urdf)
     return "give the file that the rig names (robot: ...)";
+  if (looks.is == Wanted::rig && wanted == Wanted::foreign)
+    return "give the other program's file, and the rig as --rig";
   if (wanted == Wanted::foreign && has(looks.what, "CSV"))
     return "if its rows are poses, say how: --pose-format";
   if (lines && has(looks.what, "CSV"))

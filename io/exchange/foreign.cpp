@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <sstream>
 #include <string_view>
 
@@ -11,6 +12,7 @@
 #include "../document/kinds.h"
 #include "../document/yaml.h"
 #include "../urdf/xml.h"
+#include "camera_texts.h"
 
 namespace kincal {
 namespace {
@@ -90,6 +92,8 @@ Node read_any_tree(const std::string& path) {
   const std::string text = read_file(path);
   const size_t begin = text.find_first_not_of(" \t\r\n");
   if (begin == std::string::npos) throw InputError(path + ": the file is empty");
+  if (text[begin] != '<')
+    if (std::optional<Node> cameras = camera_text(text, path)) return *cameras;
   if (text[begin] == '[' || text[begin] == '{') return parse_json(text, path);
   if (text[begin] != '<') return foreign_yaml(text, path);
   Xml xml{text, path};

@@ -9,6 +9,7 @@
 #include "../document/files.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "foreign.h"
 #include "number_lists.h"
 #include "pose_samples.h"
 #include "read_table.h"
@@ -136,6 +137,15 @@ std::string pair_command(const std::string& files) {
          "(--setup eye_to_hand where the camera stands beside the robot)\n";
 }
 
+/// Whether a file is a camera's, which may have poses of the camera besides.
+bool has_camera(const Node& node) {
+  for (const char* key : {"intrinsics", "camera_matrix", "cameraMatrix", "distortion_model",
+                          "camera_model", "model_type", "distortion_coeffs", "lensmodel"})
+    if (node.find(key)) return true;
+  return std::any_of(node.members.begin(), node.members.end(),
+                     [](const auto& member) { return has_camera(member.second); });
+}
+
 /// A file's name without the number at its end, with the ending: pose_fPe_*.yaml.
 std::string pattern_of(const std::string& path) {
   const std::filesystem::path p(path);
@@ -156,6 +166,7 @@ bool is_table(const std::string& path) {
     return ending == ".csv" || ending == ".tsv";
   }
   if (!has_number_lists(read_file(path), path)) return true;
+  if (has_camera(read_any_tree(path))) return false;
   return std::any_of(tables.begin(), tables.end(), [](const Table& table) {
     return !table.format.empty() || is_matrices(table) || likely_format(table) ||
            (table.rows.size() > 2 && table.columns() >= 6);

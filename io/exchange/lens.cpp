@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "../../models/sensors/sensors.h"
 #include "../document/error.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
@@ -34,10 +35,7 @@ LensNumbers lens_of(const Sensor& camera) {
     if (block.name == "distortion") lens.distortion = block.values;
     if (block.name == "baseline") lens.baseline = block.values[0];
   }
-  // The number of distortion numbers tells the lens (models/sensors/sensors.h).
-  lens.model = lens.distortion.empty()       ? "pinhole"
-               : lens.distortion.size() == 4 ? "kannala_brandt"
-                                             : "brown_conrady";
+  lens.model = lens_type(camera.parameters).name;
   return lens;
 }
 

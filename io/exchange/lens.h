@@ -13,9 +13,9 @@ namespace kincal {
 
 struct LensNumbers {
   std::string name;                // of the camera; "" where a file has none
-  std::string model = "pinhole";   // as in rig.yaml: pinhole, brown_conrady, kannala_brandt
+  std::string model = "pinhole";   // as in rig.yaml: pinhole, brown_conrady, ...
   std::vector<double> intrinsics;  // fx fy cx cy
-  std::vector<double> distortion;  // none, 5 or 8, 4: as in rig.yaml
+  std::vector<double> distortion;  // as in rig.yaml
   std::optional<double> baseline;  // m; none: unknown
   int width = 0, height = 0;       // px; 0: unknown
 };

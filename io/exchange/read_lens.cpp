@@ -2,20 +2,25 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <optional>
 
-#include "../document/document.h"
+#include "../../models/rig/numbers.h"
+#include "../../models/sensors/sensors.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../rig/types.h"
 #include "foreign.h"
+#include "lens_fields.h"
+#include "program_lenses.h"
 
 namespace kincal {
 namespace {
 
 constexpr char kKnownLenses[] =
     "valid: plumb_bob (k1 k2 p1 p2 k3), rational_polynomial (k1 k2 p1 p2 k3 k4 k5 k6), "
-    "equidistant (k1 k2 k3 k4)";
+    "equidistant or fisheye (k1 k2 k3 k4). Calibrate this camera again with one of them (`kincal "
+    "intrinsics` does it from views of a board)";
 
 /// The first of these keys that is there.
 std::optional<Field> first_of(const Field& field, const Names& keys) {
@@ -52,43 +57,23 @@ std::vector<double> intrinsics_of(const Field& field, const std::vector<double>&
     field.fail(std::to_string(3 * c) + " numbers of a matrix 3 x " + std::to_string(columns) +
                " are expected, not " + std::to_string(m.size()));
   if (m[0] == 0 && m[c + 1] == 0)
-    field.fail("all 0: this camera is not calibrated; run its calibration first");
+    field.fail(
+        "all 0: this camera is not calibrated. Run its calibration first (`kincal intrinsics` does "
+        "it from views of a board)");
+  if (m[0] < 0 || m[c + 1] < 0)
+    field.fail(
+        "a negative focal length means that the image is mirrored: mirror it back, and take "
+        "the number positive, cx as width - 1 - cx (or cy likewise)");
   if (!(m[0] > 0) || !(m[c + 1] > 0) || m[c] != 0 || m[2 * c] != 0 || m[2 * c + 1] != 0 ||
       m[2 * c + 2] != 1)
     field.fail("[fx 0 cx; 0 fy cy; 0 0 1] is expected, fx and fy greater than 0");
   if (std::abs(m[1]) > 1e-9 * m[0])
-    field.fail("has a skew of " + shortest(m[1]) + " px, which kincal's cameras do not have");
+    field.fail("has a skew of " + shortest(m[1]) +
+               " px, which kincal's cameras do not have: their pixels have right angles. Calibrate "
+               "this camera again without one (OpenCV's fisheye: CALIB_FIX_SKEW; `kincal "
+               "intrinsics` has none), or write 0 in its place and free the lens in the "
+               "calibration");
   return {m[0], m[c + 1], m[2], m[c + 2]};
-}
-
-/// Distortion of OpenCV's order into a lens; what OpenCV has beyond eight numbers must be 0.
-void set_brown_conrady(const Field& field, std::vector<double> d, LensNumbers& lens) {
-  for (size_t i = 8; i < d.size(); ++i)
-    if (d[i] != 0)
-      field.fail("number " + std::to_string(i + 1) +
-                 " (thin prism or tilted sensor) is not 0; kincal has k1 k2 p1 p2 k3 k4 k5 k6");
-  if (d.size() > 8) d.resize(8);
-  if (d.empty()) return;  // a pinhole
-  if (d.size() == 4) d.push_back(0);
-  if (d.size() != 5 && d.size() != 8)
-    field.fail("4, 5, 8, 12 or 14 numbers are expected (k1 k2 p1 p2 [k3 [k4 k5 k6]]), not " +
-               std::to_string(d.size()));
-  lens.model = "brown_conrady";
-  lens.distortion = d;
-}
-
-void set_kannala_brandt(const Field& field, const std::vector<double>& d, LensNumbers& lens) {
-  if (d.size() != 4)
-    field.fail("4 numbers are expected (k1 k2 k3 k4), not " + std::to_string(d.size()));
-  lens.model = "kannala_brandt";
-  lens.distortion = d;
-}
-
-void read_size(const Field& width, const Field& height, LensNumbers& lens) {
-  constexpr int kMost = 1'000'000;
-  lens.width = width.integer(0, kMost);
-  lens.height = height.integer(0, kMost);
-  if (lens.width == 0 || lens.height == 0) lens.width = lens.height = 0;  // unknown
 }
 
 bool is_identity(const std::vector<double>& m) {
@@ -129,6 +114,11 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
   const double baseline = m[3] == 0 ? 0 : -m[3] / m[0];
   if (!std::isfinite(baseline)) p->fail("its Tx is too large for its fx");
   lens.baseline = baseline;
+  if (baseline < 0)
+    notes.push_back("baseline " + shortest(baseline) +
+                    " is from P, and negative: by that this camera stands to the left of the one "
+                    "that its pair counts from. Of a right camera the fourth number of P is "
+                    "negative, -fx * baseline: change its sign where that is wrong");
   if (baseline != 0)
     notes.push_back("baseline " + shortest(baseline) +
                     " is from P: such a camera's link is that of the left camera of its pair. If "
@@ -149,6 +139,35 @@ void note_smaller_images(const Field& file, std::vector<std::string>& notes) {
         "resolution; use images of that");
 }
 
+/// The lens that the file names; none: it names none. @throws InputError: one that kincal lacks
+std::optional<Field> model_of(const Field& file) {
+  static const Names kKnown = {
+      "plumb_bob",     "rational_polynomial", "equidistant", "fisheye", "kannala_brandt",
+      "brown_conrady", "rectified",           "none",        "pinhole", "unified",
+      "double_sphere"};
+  const std::optional<Field> field = first_of(file, {"distortion_model", "camera_model"});
+  if (!field || field->string().empty()) return std::nullopt;
+  if (std::find(kKnown.begin(), kKnown.end(), field->string()) == kKnown.end())
+    field->fail("'" + field->string() + "' is no lens that kincal has; " + kKnownLenses);
+  return field;
+}
+
+/// A lens that only recordings of kincal name; null: another.
+const LensType* find_own_lens(const std::string& model) {
+  for (const LensType& type : lens_types())
+    if (type.name == model && !type.plain.empty()) return &type;
+  return nullptr;
+}
+
+void set_own_lens(const Field& field, const LensType& type, const std::vector<double>& d,
+                  LensNumbers& lens) {
+  if (d.size() != type.numbers.size())
+    field.fail(std::to_string(type.numbers.size()) + " numbers are expected (" +
+               comma_separated(type.numbers) + "), not " + std::to_string(d.size()));
+  lens.model = type.name;
+  lens.distortion = d;
+}
+
 LensNumbers read_matrices(const Field& file, const LensChoice& choice,
                           std::vector<std::string>& notes) {
   const std::string& one = choice.camera;
@@ -161,34 +180,35 @@ LensNumbers read_matrices(const Field& file, const LensChoice& choice,
   if (!k && one.empty() && (file.has("M1") || file.has("K1") || file.has("cameraMatrix1")))
     file.fail("these are the cameras of a stereo pair: take --camera 1 or --camera 2");
   if (!k)
-    file.fail("no camera in this file; valid: " + comma_separated(matrices) +
-              " (ROS, OpenCV), cam0 (Kalibr)");
+    file.fail(
+        "no camera in this file; valid: " + comma_separated(matrices) +
+        " (ROS, OpenCV), cam0 (Kalibr), model_type (VINS), lensmodel (mrcal), value0 (Basalt)");
   LensNumbers lens;
   lens.intrinsics = intrinsics_of(*k, entries_of(*k), 3);
   if (file.has("camera_name")) lens.name = file["camera_name"].string();
-  const std::optional<Field> width = first_of(file, {"image_width", "image_Width", "width"}),
-                             height = first_of(file, {"image_height", "image_Height", "height"});
+  const std::optional<Field> width = first_of(file,
+                                              {"image_width", "image_Width", "img_width", "width"}),
+                             height = first_of(
+                                 file, {"image_height", "image_Height", "img_height", "height"});
   if (width && height) read_size(*width, *height, lens);
-  const std::optional<Field> d =
-      first_of(file, one.empty() ? Names{"distortion_coefficients", "Distortion_Coefficients",
-                                         "distCoeffs", "dist_coeffs", "distortion", "D", "d"}
-                                 : Names{"D" + one, "distCoeffs" + one});
+  const std::optional<Field> d = first_of(
+      file, one.empty() ? Names{"distortion_coefficients", "Distortion_Coefficients", "distCoeffs",
+                                "dist_coeffs", "distortion", "distortion_vector", "D", "d"}
+                        : Names{"D" + one, "distCoeffs" + one});
   const std::vector<double> distortion =
       d && d->node->kind != Node::Kind::null ? entries_of(*d) : std::vector<double>{};
   bool fisheye = choice.fisheye;
   if (file.has("fisheye_model")) fisheye |= file["fisheye_model"].number() != 0;
-  const bool named = file.has("distortion_model") && !file["distortion_model"].string().empty();
-  if (named) {
-    const std::string model = file["distortion_model"].string();
-    fisheye |= model == "equidistant" || model == "fisheye" || model == "kannala_brandt";
-    const Names known = {"plumb_bob",      "rational_polynomial", "equidistant", "fisheye",
-                         "kannala_brandt", "brown_conrady",       "rectified",   "none",
-                         "pinhole"};
-    if (std::find(known.begin(), known.end(), model) == known.end())
-      file["distortion_model"].fail("'" + model + "' is no lens that kincal has; " + kKnownLenses);
-  }
+  if (file.has("distortion_type"))  // of MC-Calib
+    fisheye |= file["distortion_type"].integer(0, 1) == 1;
+  const std::optional<Field> named = model_of(file);
+  const std::string model = named ? named->string() : "";
+  fisheye |= model == "equidistant" || model == "fisheye" || model == "kannala_brandt";
+  const LensType* own = find_own_lens(model);
   if (d && fisheye)
     set_kannala_brandt(*d, distortion, lens);
+  else if (d && own)
+    set_own_lens(*d, *own, distortion, lens);
   else if (d)
     set_brown_conrady(*d, distortion, lens);
   note_smaller_images(file, notes);
@@ -196,53 +216,92 @@ LensNumbers read_matrices(const Field& file, const LensChoice& choice,
   return lens;
 }
 
-// ------------------------------------------------------------------------------------------------
-// Kalibr
-bool is_kalibr(const Field& file) {
-  return std::any_of(file.node->members.begin(), file.node->members.end(), [](const auto& m) {
-    return m.second.kind == Node::Kind::mapping && m.second.find("camera_model");
-  });
+/// Cameras of one file by their names (MC-Calib, ost.txt of several).
+bool is_camera(const Node& node) {
+  return node.kind == Node::Kind::mapping && node.find("camera_matrix");
 }
 
-LensNumbers read_camchain(const Field& file, const LensChoice& choice,
-                          std::vector<std::string>& notes) {
+LensNumbers read_one_of(const Field& file, const LensChoice& choice,
+                        std::vector<std::string>& notes) {
   Names cameras;
   for (const auto& member : file.members())
-    if (member.second.find("camera_model")) cameras.push_back(member.first);
-  if (choice.camera.empty() && cameras.size() > 1)
-    file.fail("has several cameras: take --camera NAME with one of " + comma_separated(cameras));
-  const std::string name = choice.camera.empty() ? cameras[0] : choice.camera;
-  if (std::find(cameras.begin(), cameras.end(), name) == cameras.end())
-    file.fail("there is no camera '" + name + "'; valid: " + comma_separated(cameras));
-  const Field camera = file[name];
-  const std::string model = camera["camera_model"].string();
-  if (model != "pinhole")
-    camera["camera_model"].fail(
-        "'" + model +
-        "' is no lens that kincal has; valid: pinhole, with distortion_model radtan, equidistant "
-        "or none. Calibrate this camera again as pinhole-equi (up to about 180 degrees wide)");
-  LensNumbers lens;
+    if (is_camera(member.second)) cameras.push_back(member.first);
+  if (cameras.empty()) return read_matrices(file, choice, notes);
+  const std::string name = chosen_camera(file, cameras, choice.camera);
+  LensChoice rest = choice;
+  rest.camera.clear();
+  LensNumbers lens = read_matrices(file[name], rest, notes);
   lens.name = name;
-  lens.intrinsics = camera["intrinsics"].vector(4);
-  for (size_t i = 0; i < 2; ++i) camera["intrinsics"].item(i).positive();
-  if (camera.has("resolution")) {
-    camera["resolution"].vector(2);
-    read_size(camera["resolution"].item(0), camera["resolution"].item(1), lens);
-  }
-  const std::string distortion = camera["distortion_model"].string();
-  if (distortion == "radtan")
-    set_brown_conrady(camera["distortion_coeffs"], camera["distortion_coeffs"].vector(4), lens);
-  else if (distortion == "equidistant" || distortion == "equi")
-    set_kannala_brandt(camera["distortion_coeffs"], camera["distortion_coeffs"].vector(), lens);
-  else if (distortion != "none")
-    camera["distortion_model"].fail("'" + distortion +
-                                    "' is no lens that kincal has; valid: radtan, equidistant, "
-                                    "none. Calibrate this camera again as pinhole-equi");
-  for (const char* key : {"T_cn_cnm1", "T_cam_imu"})
-    if (camera.has(key))
-      notes.push_back(std::string(key) +
-                      " was not taken: where the cameras are is for the calibration to find");
+  if (file[name].has("camera_pose_matrix")) notes.push_back(pose_not_taken("camera_pose_matrix"));
   return lens;
+}
+
+// ------------------------------------------------------------------------------------------------
+/// Where a lens turns back: further from the axis its image comes nearer to the middle again.
+struct TurningPoint {
+  double angle;   // rad, from the axis
+  double pixels;  // from the principal point, along the larger side
+};
+
+/// The turning point on the way to the image's corners; none: it has none, or the size is unknown.
+std::optional<TurningPoint> turning_point(const LensNumbers& lens) {
+  constexpr int kSteps = 720;  // of half a turn
+  if (lens.width == 0 || lens.distortion.empty()) return std::nullopt;
+  const auto count = static_cast<int>(lens.distortion.size());
+  const auto type = std::find_if(lens_types().begin(), lens_types().end(),
+                                 [&](const LensType& t) { return t.name == lens.model; });
+  const std::shared_ptr<const SensorModel> camera = make_camera(type->lens, count);
+  std::vector<double> numbers = {1, 1, 0, 0};
+  numbers.insert(numbers.end(), lens.distortion.begin(), lens.distortion.end());
+  numbers.push_back(0);
+  const std::vector<double>& f = lens.intrinsics;
+  std::optional<TurningPoint> found;
+  for (int corner = 0; corner < 4; ++corner) {
+    const Eigen::Vector2d to(((corner % 2 ? lens.width - 0.5 : -0.5) - f[2]) / f[0],
+                             ((corner / 2 ? lens.height - 0.5 : -0.5) - f[3]) / f[1]);
+    double before = 0;
+    for (int i = 1; i < kSteps && before < to.norm(); ++i) {
+      const double angle = i * kPi / kSteps;
+      Eigen::Matrix3Xd point(3, 1);
+      point << std::sin(angle) * to / to.norm(), std::cos(angle);
+      const int id = 0;
+      const double none[2] = {0, 0};
+      ViewInput in;
+      in.parameters = numbers.data();
+      in.points = &point;
+      in.ids = &id;
+      in.count = 1;
+      in.z = none;
+      Eigen::Vector2d image;
+      if (!camera->evaluate(in, Columns(), image.data(), nullptr)) break;
+      if (image.norm() < before) {
+        if (!found || angle < found->angle)
+          found = TurningPoint{angle, before * std::max(f[0], f[1])};
+        break;
+      }
+      before = image.norm();
+    }
+  }
+  return found;
+}
+
+void note_turning_point(const LensNumbers& lens, std::vector<std::string>& notes) {
+  const std::optional<TurningPoint> turn = turning_point(lens);
+  if (!turn) return;
+  // The corners of a fisheye that sees sideways are black.
+  const std::vector<double>& f = lens.intrinsics;
+  if (turn->angle > kPi / 2 &&
+      turn->pixels > std::max({f[2], f[3], lens.width - f[2], lens.height - f[3]}))
+    return;
+  char text[200];
+  std::snprintf(
+      text, sizeof text,
+      "this lens turns back inside of the image, %.0f degrees from its axis (%.0f px from "
+      "the principal point): ",
+      turn->angle * 180 / kPi, turn->pixels);
+  notes.push_back(std::string(text) +
+                  "it does not hold beyond. Calibrate it again with views that reach the image's "
+                  "corners, or free its distortion");
 }
 
 }  // namespace
@@ -254,7 +313,10 @@ LensNumbers read_lens(const std::string& path, const LensChoice& choice,
   file.members();
   if (file.has("target_type"))
     file.fail("this is a target of Kalibr's, no camera: take --target NAME");
-  return is_kalibr(file) ? read_camchain(file, choice, notes) : read_matrices(file, choice, notes);
+  std::optional<LensNumbers> lens = read_program_lens(file, choice.camera, notes);
+  if (!lens) lens = read_one_of(file, choice, notes);
+  note_turning_point(*lens, notes);
+  return *lens;
 }
 
 }  // namespace kincal

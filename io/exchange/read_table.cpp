@@ -111,12 +111,12 @@ bool read_krl(const std::string& line, Cells& names, Cells& numbers, std::string
 }
 
 /// The lines of a text with their numbers; blank ones and comments are left out.
-struct TextLine {
+struct TableLine {
   int number;
   std::string text;
 };
-std::vector<TextLine> lines_of(const std::string& text) {
-  std::vector<TextLine> out;
+std::vector<TableLine> table_lines(const std::string& text) {
+  std::vector<TableLine> out;
   std::istringstream in(text);
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
@@ -130,12 +130,12 @@ std::vector<TextLine> lines_of(const std::string& text) {
 
 std::string place(const std::string& path, int line) { return path + ":" + std::to_string(line); }
 
-Table krl_table(const std::string& path, const std::vector<TextLine>& lines) {
+Table krl_table(const std::string& path, const std::vector<TableLine>& lines) {
   Table out;
   out.path = path;
   out.kind = "positions of a KUKA program";
   out.format = "kuka";
-  for (const TextLine& line : lines) {
+  for (const TableLine& line : lines) {
     Cells names, numbers;
     std::string name;
     if (!read_krl(line.text, names, numbers, name)) continue;
@@ -165,14 +165,14 @@ std::string without_p_brackets(std::string line) {
   return line;
 }
 
-Table text_table(const std::string& path, const std::vector<TextLine>& lines) {
+Table text_table(const std::string& path, const std::vector<TableLine>& lines) {
   Table out;
   out.path = path;
   out.kind = "a table (CSV)";
   if (lines.empty()) return out;
   const std::string first = without_p_brackets(lines[0].text);
   const char separator = separator_of(first);
-  for (const TextLine& line : lines) {
+  for (const TableLine& line : lines) {
     Cells cells = cells_between(without_p_brackets(line.text), separator);
     if (separator != ',')
       for (std::string& cell : cells) replace_decimal_comma(cell);
@@ -227,10 +227,10 @@ void join_matrices(Table& table) {
   table.format = "matrix";
 }
 
-bool is_krl(const std::vector<TextLine>& lines) {
+bool is_krl(const std::vector<TableLine>& lines) {
   Cells names, numbers;
   std::string name;
-  return std::any_of(lines.begin(), lines.end(), [&](const TextLine& line) {
+  return std::any_of(lines.begin(), lines.end(), [&](const TableLine& line) {
     return read_krl(line.text, names, numbers, name);
   });
 }
@@ -245,7 +245,7 @@ std::vector<Table> read_tables(const std::string& path) {
   } else if (has_number_lists(text, path)) {
     out = list_tables(path);
   } else {
-    const std::vector<TextLine> lines = lines_of(text);
+    const std::vector<TableLine> lines = table_lines(text);
     out = {is_krl(lines) ? krl_table(path, lines) : text_table(path, lines)};
     join_matrices(out[0]);
   }

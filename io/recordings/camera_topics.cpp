@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "../../models/rig/parameters.h"
+#include "../../models/sensors/sensors.h"
 #include "../document/names.h"
 #include "record_command.h"
 
@@ -300,6 +301,9 @@ std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info,
       out += text;
     }
   }
+  const LensType& lens_of_rig = lens_type(camera.parameters);
+  if (!lens_of_rig.plain.empty() && info.model != lens_of_rig.name)
+    return out;  // ROS has no such lens: its numbers are of another one
   const ParameterBlock* block = find_block(camera, ParameterKind::distortion);
   const std::vector<double> ours = block ? block->values : std::vector<double>(),
                             their_distortion = rectified ? std::vector<double>() : info.distortion;
@@ -333,6 +337,11 @@ std::vector<std::string> other_lenses(const RigFile& rig, const RecordedStreams&
     const bool rectified =
         has(streams.images[static_cast<size_t>(cameras.images[s])].topic, "rect");
     const CameraInfoMessage& info = streams.infos[static_cast<size_t>(cameras.infos[s])];
+    if (!(info.k[0] != 0) && !(info.k[1] != 0)) {
+      out.push_back("sensor '" + rig.rig.sensors[s].name + "': " + info.topic +
+                    " is of a camera that is not calibrated (K is all 0): its lens is the rig's");
+      continue;
+    }
     const std::string text = lens_difference(rig.rig.sensors[s], info, rectified);
     if (!text.empty())
       out.push_back("sensor '" + rig.rig.sensors[s].name + "': " + info.topic +

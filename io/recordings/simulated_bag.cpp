@@ -4,12 +4,14 @@
 #include <cmath>
 #include <map>
 
+#include "../../models/sensors/sensors.h"
 #include "../document/error.h"
 #include "../document/files.h"
 #include "../images/parallel.h"
 #include "../images/studio.h"
 #include "../rig/samples_file.h"
 #include "../rig/simulation_file.h"
+#include "../rig/types.h"
 #include "bag_writer.h"
 #include "written_messages.h"
 
@@ -61,13 +63,11 @@ std::vector<Stop> stops_of(const std::vector<Sample>& samples, const Rig& rig,
   return stops;
 }
 
-CameraNumbers camera_numbers(const RigFile& rig, const ParameterTable& table, int sensor) {
-  const Sensor& camera = rig.rig.sensors[sensor];
+CameraNumbers camera_numbers(const Rig& rig, const ParameterTable& table, int sensor) {
+  const Sensor& camera = rig.sensors[sensor];
   CameraNumbers out;
   out.width = static_cast<std::uint32_t>(camera.image_width);
   out.height = static_cast<std::uint32_t>(camera.image_height);
-  const Field sensors = Field{&rig.node, &rig.path, ""}["sensors"];
-  const std::string model = sensors[camera.name]["model"].string();
   const int first = table.sensor_block[sensor];
   for (size_t b = 0; b < camera.parameters.size(); ++b) {
     const Parameter& block = table.all[first + static_cast<int>(b)];
@@ -77,10 +77,7 @@ CameraNumbers camera_numbers(const RigFile& rig, const ParameterTable& table, in
       out.distortion.assign(numbers, numbers + block.size());
     if (block.kind == ParameterKind::baseline) out.baseline = *numbers;
   }
-  const bool wide = model == "kannala_brandt" || model == "equidistant" || model == "fisheye";
-  out.model = wide                         ? "equidistant"
-              : out.distortion.size() == 8 ? "rational_polynomial"
-                                           : "plumb_bob";
+  out.model = ros_lens(lens_type(camera.parameters).name, out.distortion.size());
   if (out.distortion.empty()) out.distortion.assign(5, 0);
   return out;
 }

@@ -311,6 +311,12 @@ Json held_list(const std::vector<AutomaticGroup>& groups) {
   return out;
 }
 
+/// Does the number of a distortion's components not tell their names?
+bool has_own_names(const ParameterEstimate& e) {
+  return !e.components.empty() &&
+         (e.components[0] == "xi" || e.components.back() == "s4" || e.components.back() == "tau_y");
+}
+
 }  // namespace
 
 std::string status_name(Status status) {
@@ -365,6 +371,7 @@ Json result_json(const Report& report) {
                 {"sigma", numbers(e.sigma)},
                 {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
+    if (has_own_names(e)) one["components"] = e.components;
     json["parameters"][e.name] = std::move(one);
   }
   // (Found by number: by name each would be looked for among all.)

@@ -208,7 +208,9 @@ void read_camera(const Field& field, Sensor& sensor) {
                                                      {"rational_polynomial", Lens::brown_conrady},
                                                      {"kannala_brandt", Lens::kannala_brandt},
                                                      {"equidistant", Lens::kannala_brandt},
-                                                     {"fisheye", Lens::kannala_brandt}};
+                                                     {"fisheye", Lens::kannala_brandt},
+                                                     {"unified", Lens::unified},
+                                                     {"double_sphere", Lens::double_sphere}};
   const std::string model = field["model"].string();
   const auto lens = lenses.find(model);
   if (lens == lenses.end()) {
@@ -216,18 +218,17 @@ void read_camera(const Field& field, Sensor& sensor) {
     for (const auto& one : lenses) names.push_back(one.first);
     field["model"].fail("unknown model '" + model + "'" + nearest_names(model, names) +
                         "; valid: pinhole (no distortion), brown_conrady (k1 k2 p1 p2 k3 "
-                        "[k4 k5 k6]; ROS calls it plumb_bob, with 8 numbers rational_polynomial), "
-                        "kannala_brandt (k1 k2 k3 k4; ROS calls it equidistant, OpenCV fisheye)");
+                        "[k4 k5 k6 [s1 s2 s3 s4 [tau_x tau_y]]]; ROS calls it plumb_bob, with 8 "
+                        "numbers rational_polynomial), kannala_brandt (k1 k2 k3 k4; ROS calls it "
+                        "equidistant, OpenCV fisheye), unified (xi k1 k2 p1 p2), double_sphere (xi "
+                        "alpha)");
   }
   const std::vector<double> intrinsics = field["intrinsics"].vector(4);
   for (size_t i = 0; i < 2; ++i) field["intrinsics"].item(i).positive();
   const bool pinhole = lens->second == Lens::pinhole;
-  const bool eight = model == "rational_polynomial";
-  std::vector<double> distortion(pinhole                                ? 0
-                                 : lens->second == Lens::kannala_brandt ? 4
-                                 : eight                                ? 8
-                                                                        : 5,
-                                 0.0);
+  const LensType& type = lens_type(lens->second);
+  std::vector<double> distortion = type.plain;
+  distortion.resize(model == "rational_polynomial" ? 8 : type.counts[0], 0.0);
   if (field.has("distortion")) {
     distortion = field["distortion"].vector();
     if (pinhole &&
@@ -247,6 +248,13 @@ void read_camera(const Field& field, Sensor& sensor) {
   size.vector(2);
   sensor.image_width = size.item(0).integer(1, 1'000'000);
   sensor.image_height = size.item(1).integer(1, 1'000'000);
+}
+
+void read_range(const Field& field, Sensor& sensor) {
+  const double scale = field.has("range_scale") ? field["range_scale"].positive() : 1;
+  const double offset = field.has("range_offset") ? field["range_offset"].number() : 0;
+  sensor.model = make_ranged_point();
+  sensor.parameters = range_parameters(scale, offset);
 }
 
 void read_scanning_joint(const Field& field, const Tree& tree, const Path& path, int base,
@@ -288,6 +296,7 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
   sensor.sigma = read_sigma(is_guess(sigma) ? sigma["guess"] : sigma, sensor);
   if (is_guess(sigma)) sensor.noise_guess = sensor.sigma;
   if (sensor.type == "camera") read_camera(field, sensor);
+  if (field.has("range_scale") || field.has("range_offset")) read_range(field, sensor);
   if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
   return sensor;
 }

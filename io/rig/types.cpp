@@ -17,36 +17,42 @@ const std::vector<TargetKeys>& target_types() {
 }
 
 const std::vector<SensorKeys>& sensor_types() {
-  static const std::vector<SensorKeys> types = {
-      {"camera",
-       {"model", "intrinsics", "sigma"},
-       {"image_size", "distortion", "baseline"},
-       "pixels",
-       [] { return make_camera(Lens::pinhole, 0); },
-       "0.2",
-       "px"},
-      {"point", {"sigma"}, {}, "points", make_point, "0.0002", "m", true},
-      {"pose",
-       {"sigma"},
-       {},
-       "pose",
-       make_pose,
-       "{translation: 0.0005, rotation: 0.001}",
-       "m, rad"},
-      {"chain",
-       {"sigma"},
-       {},
-       "",
-       make_chain,
-       "{translation: 0.0005, rotation: 0.001}",
-       "m, rad; of the grip"},
-      {"tilting_laser",
-       {"joint", "sigma"},
-       {},
-       "rays",
-       make_tilting_laser,
-       "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
-       "rad, rad, m"}};
+  static const std::vector<SensorKeys> types = {{"camera",
+                                                 {"model", "intrinsics", "sigma"},
+                                                 {"image_size", "distortion", "baseline"},
+                                                 "pixels",
+                                                 [] { return make_camera(Lens::pinhole, 0); },
+                                                 "0.2",
+                                                 "px"},
+                                                {"point",
+                                                 {"sigma"},
+                                                 {"range_scale", "range_offset"},
+                                                 "points",
+                                                 make_point,
+                                                 "0.0002",
+                                                 "m",
+                                                 true},
+                                                {"pose",
+                                                 {"sigma"},
+                                                 {},
+                                                 "pose",
+                                                 make_pose,
+                                                 "{translation: 0.0005, rotation: 0.001}",
+                                                 "m, rad"},
+                                                {"chain",
+                                                 {"sigma"},
+                                                 {},
+                                                 "",
+                                                 make_chain,
+                                                 "{translation: 0.0005, rotation: 0.001}",
+                                                 "m, rad; of the grip"},
+                                                {"tilting_laser",
+                                                 {"joint", "sigma"},
+                                                 {},
+                                                 "rays",
+                                                 make_tilting_laser,
+                                                 "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
+                                                 "rad, rad, m"}};
   return types;
 }
 
@@ -65,6 +71,12 @@ Names sigma_names(const Sensor& sensor) {
 bool sigma_by_axis(const Sensor& sensor) {
   const SensorKeys* keys = find_type(sensor_types(), sensor.type);
   return !keys || keys->by_axis;
+}
+
+std::string ros_lens(const std::string& model, size_t numbers) {
+  if (model == "kannala_brandt") return "equidistant";
+  if (model != "pinhole" && model != "brown_conrady") return model;
+  return numbers < 8 ? "plumb_bob" : "rational_polynomial";
 }
 
 bool is_guess(const Field& sigma) {

@@ -62,6 +62,10 @@ Names sigma_names(const Sensor& sensor);
 /// files do not know take one.
 bool sigma_by_axis(const Sensor& sensor);
 
+/// Returns what ROS calls a camera's lens with so many numbers of distortion; its own name where
+/// ROS has none.
+std::string ros_lens(const std::string& model, size_t numbers);
+
 /// Returns whether `sigma` is {guess: ...}, which states nothing: the noise is estimated from
 /// there.
 bool is_guess(const Field& sigma);

@@ -336,6 +336,9 @@ void GroupMaker::make_targets_and_sensors() {
       if (!used_[p]) continue;
       if (parameter.kind == ParameterKind::baseline && table_.initial(parameter.start) != 0)
         add("baselines", p, 0);
+      if (parameter.kind == ParameterKind::range_scale ||
+          parameter.kind == ParameterKind::range_offset)
+        add("ranges", p, 0);
       for (int c = 0; c < parameter.size(); ++c) {
         if (parameter.kind == ParameterKind::intrinsics)
           add(c < 2 ? "focal lengths" : "centres", p, c);

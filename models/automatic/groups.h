@@ -15,6 +15,7 @@
 //   lengths, angles            numbers of origins, by run
 //   sizes, bends               of boards; warps of those that have them
 //   baselines
+//   ranges                     scale and offset, of sensors of points for which the rig states them
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models

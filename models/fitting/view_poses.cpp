@@ -53,14 +53,17 @@ bool direction_before(const Sensor& sensor, const double* parameters, const doub
 }
 
 /// The same on the sphere of directions, from the axis, by steps along great circles: of lenses
-/// that see sideways and backwards.
+/// that see sideways and backwards. A step that leaves what such a lens sees is halved.
 bool direction_around(const Sensor& sensor, const double* parameters, const double* z,
                       Vector3d& direction) {
   Eigen::Vector2d r;
   Eigen::Matrix<double, 2, 3> derivative;
+  const auto defined = [&](const Vector3d& at) {
+    return far_residual(sensor, parameters, z, at, r, derivative);
+  };
   direction = Vector3d::UnitZ();
+  if (!defined(direction)) return false;
   for (int step = 0; step < 100; ++step) {
-    if (!far_residual(sensor, parameters, z, direction, r, derivative)) return false;
     Eigen::Matrix<double, 3, 2> across;
     across.col(0) = direction.unitOrthogonal();
     across.col(1) = direction.cross(Vector3d(across.col(0)));
@@ -68,9 +71,19 @@ bool direction_around(const Sensor& sensor, const double* parameters, const doub
     if (!turn.allFinite()) return false;
     const double angle = turn.norm();
     if (angle < 1e-9) return true;
-    const double limited = std::min(angle, kPi / 2);
-    direction =
-        (std::cos(limited) * direction + std::sin(limited) / angle * (across * turn)).normalized();
+    const Vector3d from = direction;
+    double limited = std::min(angle, kPi / 2);
+    const auto go = [&] {
+      direction =
+          (std::cos(limited) * from + std::sin(limited) / angle * (across * turn)).normalized();
+      return defined(direction);
+    };
+    if (go()) continue;
+    if (!defined(Vector3d::UnitX())) return false;  // it sees nothing sideways
+    do {
+      limited /= 2;
+      if (limited < 1e-6) return false;
+    } while (!go());
   }
   return false;
 }

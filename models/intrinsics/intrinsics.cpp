@@ -109,9 +109,9 @@ Sensor find_camera(const IntrinsicsOptions& options, OneCamera& camera,
   } else {
     out.model = options.model == "rig" ? &given : &find_lens(options.model);
   }
+  if (!lens_type(out.model->lens).plain.empty()) fit_plain_lens(*out.model, options, camera);
   for (const LensModel& model : lens_models()) {  // simpler ones are starts
-    if (model.lens == Lens::kannala_brandt && out.model->lens != model.lens) continue;
-    if (model.lens != Lens::kannala_brandt && out.model->lens == Lens::kannala_brandt) continue;
+    if (!start_alike(model.lens, out.model->lens)) continue;
     if (!out.trials.empty() || model.numbers() >= out.model->numbers()) break;
     fit_lens(model, options, camera);
   }

@@ -1,6 +1,7 @@
 #include "one_camera.h"
 
 #include <cmath>
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <typeinfo>
@@ -42,6 +43,14 @@ void add_free(const Sensor& camera, const LensModel& model, bool pose, Step& ste
   if (pose) step.free.push_back(name + "pose");
 }
 
+/// The camera with a lens of these numbers, at the focal length that fits best.
+Sensor plain_start(const OneCamera& camera, const LensModel& model,
+                   const std::vector<double>& distortion) {
+  Rig rig = camera.rig;
+  rig.sensors[0] = with_lens(camera.rig.sensors[0], model, {1, 1, 0, 0}, distortion);
+  return with_lens(rig.sensors[0], model, find_focal_length(rig, camera.views), distortion);
+}
+
 }  // namespace
 
 const std::vector<LensModel>& lens_models() {
@@ -55,22 +64,38 @@ const std::vector<LensModel>& lens_models() {
   return models;
 }
 
+const std::vector<LensModel>& further_lens_models() {
+  static const std::vector<LensModel> models = {
+      {"brown_conrady_12", "brown_conrady", Lens::brown_conrady, 12, 12},
+      {"brown_conrady_14", "brown_conrady", Lens::brown_conrady, 14, 14},
+      {"unified", "unified", Lens::unified, 5, 5},
+      {"double_sphere", "double_sphere", Lens::double_sphere, 2, 2}};
+  return models;
+}
+
+bool start_alike(Lens a, Lens b) {
+  const auto kind = [](Lens lens) { return lens == Lens::pinhole ? Lens::brown_conrady : lens; };
+  return kind(a) == kind(b);
+}
+
 const LensModel& find_lens(const std::string& name) {
   std::vector<std::string> names;
-  for (const LensModel& model : lens_models()) {
-    if (model.name == name) return model;
-    names.push_back(model.name);
-  }
+  for (const auto* models : {&lens_models(), &further_lens_models()})
+    for (const LensModel& model : *models) {
+      if (model.name == name) return model;
+      names.push_back(model.name);
+    }
   throw std::invalid_argument("model: there is no lens '" + name + "'; valid: auto, rig, " +
                               listed(names, names.size()));
 }
 
 const LensModel& own_lens(const Sensor& camera) {
-  for (const LensModel& model : lens_models()) {
-    const std::shared_ptr<const SensorModel> made = make_camera(model.lens, model.distortion);
-    const SensorModel &a = *made, &b = *camera.model;
-    if (typeid(a) == typeid(b) && model.freed == model.distortion) return model;
-  }
+  for (const auto* models : {&lens_models(), &further_lens_models()})
+    for (const LensModel& model : *models) {
+      const std::shared_ptr<const SensorModel> made = make_camera(model.lens, model.distortion);
+      const SensorModel &a = *made, &b = *camera.model;
+      if (typeid(a) == typeid(b) && model.freed == model.distortion) return model;
+    }
   throw std::invalid_argument("camera '" + camera.name + "' has a lens of its own");
 }
 
@@ -129,22 +154,32 @@ OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int cam
   out.samples = std::make_shared<const std::vector<Sample>>(seen_by(rig, samples, {camera}));
   out.views = camera_views(*out.samples, 0);
   out.starts = {out.rig.sensors[0]};
-  for (const char* plain : {"pinhole", "kannala_brandt"}) {
-    Rig undistorted = out.rig;
-    undistorted.sensors[0] = with_lens(out.rig.sensors[0], find_lens(plain), {1, 1, 0, 0}, {});
-    undistorted.sensors[0] = with_lens(out.rig.sensors[0], find_lens(plain),
-                                       find_focal_length(undistorted, out.views), {});
-    out.starts.push_back(undistorted.sensors[0]);
-  }
+  for (const char* plain : {"pinhole", "kannala_brandt"})
+    out.starts.push_back(plain_start(out, find_lens(plain), {}));
   return out;
+}
+
+void fit_plain_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera) {
+  std::vector<std::vector<double>> usual = {lens_type(model.lens).plain};
+  if (model.lens == Lens::double_sphere) usual = {{-0.3, 0.6}, {0, 0.5}, {0.3, 0.6}};
+  double least = kInfinity;
+  std::optional<Sensor> best;
+  for (const std::vector<double>& distortion : usual) {
+    OneCamera alone = camera;
+    alone.starts = {plain_start(camera, model, distortion)};
+    const Solution found = fit_lens(model, options, alone);
+    if (best && !(found.usable() && found.chi2_data < least)) continue;
+    least = found.usable() ? found.chi2_data : kInfinity;
+    best = alone.starts.back();
+  }
+  camera.starts.push_back(*best);
 }
 
 Sensor best_start(const OneCamera& camera, const LensModel& model) {
   Sensor best;
   double least = kInfinity;
   for (const Sensor& start : camera.starts) {
-    if ((own_lens(start).lens == Lens::kannala_brandt) != (model.lens == Lens::kannala_brandt))
-      continue;
+    if (!start_alike(own_lens(start).lens, model.lens)) continue;
     Rig rig = camera.rig;
     rig.sensors[0] = with_lens(start, model, block_values(start, ParameterKind::intrinsics),
                                block_values(start, ParameterKind::distortion));

@@ -21,10 +21,14 @@ struct LensModel {
 };
 /// Returns the lenses that are tried, those with fewer numbers first.
 const std::vector<LensModel>& lens_models();
+/// Returns those besides, which a user or the rig must ask for.
+const std::vector<LensModel>& further_lens_models();
+/// Returns whether a camera found to have one lens is a start for the other.
+bool start_alike(Lens a, Lens b);
 /// Returns the lens of that name. @throws std::invalid_argument: there is none; the names.
 const LensModel& find_lens(const std::string& name);
 /// Returns the lens that a camera of a rig has, with all of its distortion free.
-/// @throws std::invalid_argument: it is none of lens_models().
+/// @throws std::invalid_argument: it is none of these.
 const LensModel& own_lens(const Sensor& camera);
 
 /// Makes the rig's only step free the lenses, by sensor, and the poses of all cameras but the
@@ -51,6 +55,10 @@ struct OneCamera {
   bool bent = false;  // its boards: their warp is fitted with each lens
 };
 OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera, bool bent);
+
+/// Fits a lens of which nothing is known from each of its usual numbers, and keeps the best as a
+/// start: the images of one double sphere are nearly those of another far away.
+void fit_plain_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera);
 
 /// Returns the camera with a lens at the best of the starts of its kind.
 Sensor best_start(const OneCamera& camera, const LensModel& model);

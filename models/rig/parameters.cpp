@@ -15,6 +15,8 @@ ParameterKind kind_of_block(const std::string& name) {
   if (name == "intrinsics") return ParameterKind::intrinsics;
   if (name == "distortion") return ParameterKind::distortion;
   if (name == "baseline") return ParameterKind::baseline;
+  if (name == "range_scale") return ParameterKind::range_scale;
+  if (name == "range_offset") return ParameterKind::range_offset;
   return ParameterKind::own_number;
 }
 
@@ -171,6 +173,8 @@ Rig centred(Rig rig) {
         case ParameterKind::intrinsics:
         case ParameterKind::distortion:
         case ParameterKind::baseline:
+        case ParameterKind::range_scale:
+        case ParameterKind::range_offset:
           for (ParameterBlock& block : rig.sensors[p.owner].parameters)
             if ("sensor/" + rig.sensors[p.owner].name + "/" + block.name == p.name)
               block.values = nominal.numbers;
@@ -187,6 +191,8 @@ const char* improper_value(const Parameter& parameter, int component, double val
   const std::string& part = parameter.components[component];
   if (!std::isfinite(value)) return "a finite number is expected";
   if (parameter.kind == ParameterKind::joint_scale && value == 0) return "a scale is not 0";
+  if (parameter.kind == ParameterKind::range_scale && value <= 0)
+    return "a number greater than 0 is expected";
   if ((parameter.kind == ParameterKind::square || part == "fx" || part == "fy") && value <= 0)
     return "a number greater than 0 is expected";
   return nullptr;

@@ -19,6 +19,8 @@ enum class ParameterKind {
   intrinsics,
   distortion,
   baseline,
+  range_scale,  // of a sensor of points, along its rays
+  range_offset,
   own_number,
   target_pose,
   square,

@@ -50,9 +50,11 @@ using K = ParameterKind;
 // intrinsics: a data sheet has the focal length to some percent; 20 % off is another lens or
 //   resolution. A lens known to 5 % maps nothing.
 // distortion: many rigs have lenses without any, and k3 is large where k1 is not (width); restarts
-//   with as much fold points over (usual).
+//   with as much fold points over (usual). xi and alpha of fisheyes are known to that, too; a chip
+//   stands straight to a degree (rad: tau).
 // square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not
-// measured. own_number: nothing is known but the unit.
+// measured. range: depth cameras and lidars are sold as right to half a percent and some
+//   millimetres; used ones are off by more. own_number: nothing is known but the unit.
 // clang-format off
 constexpr ScaleRow kScaleRows[] = {
     // kind, unit; width, usual; yardstick, loose, open; least, mistaken, reported, far
@@ -70,7 +72,10 @@ constexpr ScaleRow kScaleRows[] = {
     {K::target_pose,  "m",   no,     5_cm,    1_cm,   3_cm,  30_cm,  no,     no,   10_cm,  25_cm},
     {K::intrinsics,   "px",  2_pc,   3_pc,    1_pc,   5_pc,  5_pc,   4_pc,   5_pc, 20_pc,  25_pc},
     {K::distortion,   "",    0.5_n,  0.05_n,  0.1_n,  no,    no,     no,     no,   no,     no},
+    {K::distortion,   "rad", 20_mrad, 10_mrad, 1_deg, no,    no,     no,     no,   no,     no},
     {K::baseline,     "m",   2_mm,   1_cm,    1_cm,   no,    no,     no,     3_pc, 1.5_pc, 25_pc},
+    {K::range_scale,  "",    0.5_pc, 1_pc,    1_pc,   no,    no,     no,     no,   no,     25_pc},
+    {K::range_offset, "m",   5_mm,   2_cm,    1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::own_number,   "rad", no,     50_mrad, 1_deg,  no,    no,     no,     no,   no,     0.25_n},
     {K::own_number,   "m",   no,     5_cm,    1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::own_number,   "px",  no,     0.05_n,  10_n,   no,    no,     no,     no,   no,     no},

@@ -10,6 +10,7 @@
 //   kannala_brandt (as OpenCV's fisheye):  rho = hypot(X, y), t = atan2(rho, z),
 //       (a, b) = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) (X, y) / rho;
 //       defined all around but at the point opposite to +z.
+//   brown_conrady of 12 and 14 numbers, unified, double_sphere: each a header of its own.
 //   pixel = (fx a + cx, fy b + cy).
 #pragma once
 
@@ -76,6 +77,33 @@ struct KannalaBrandt {
     }
     dx[8] = -d_p[0];
     dy[8] = -d_p[3];
+    return true;
+  }
+};
+
+/// This is a camera of a lens that stands in a header of its own: `image` computes (a, b), and its
+/// derivatives by the point (2 x 3) and by the kNumbers of the distortion, row-major, both or none;
+/// false where it is undefined.
+template <class L>
+struct LensCamera {
+  static constexpr int kRows = 2, kMeasurementSize = 2, kOwn = 5 + L::kNumbers;
+  int parameter_count() const { return kOwn; }
+
+  bool residual(const double* parameters, const Vector3d& p, const double* z, double* r,
+                double* d_p, double* d_own) const {
+    double ab[2], by_distortion[2 * L::kNumbers];
+    const Vector3d shifted(p.x() - parameters[kOwn - 1], p.y(), p.z());
+    if (!L::image(parameters + 4, shifted, ab, d_p, by_distortion)) return false;
+    for (int k = 0; k < 2; ++k) {
+      const double f = parameters[k];
+      r[k] = f * ab[k] + parameters[2 + k] - z[k];
+      if (!d_p) continue;
+      for (int j = 0; j < 3; ++j) d_p[3 * k + j] *= f;
+      double* row = d_own + k * kOwn;
+      for (int j = 0; j < 2; ++j) row[j] = j == k ? ab[k] : 0, row[2 + j] = j == k;
+      for (int j = 0; j < L::kNumbers; ++j) row[4 + j] = f * by_distortion[k * L::kNumbers + j];
+      row[kOwn - 1] = -d_p[3 * k];
+    }
     return true;
   }
 };

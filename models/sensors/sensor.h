@@ -152,7 +152,7 @@ class SensorModel {
   virtual const SensorModel* point_form() const { return nullptr; }
 };
 
-constexpr int kMaxParameters = 16;
+constexpr int kMaxParameters = 20;
 
 /// These are derivatives of a residual by the point in the sensor's frame, row-major.
 using PointDerivatives =

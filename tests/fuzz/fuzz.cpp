@@ -151,7 +151,10 @@ void foreign(const std::string& text) {
                  "robot.urdf");
   again([&] { return read_rig(in_file("edited.yaml", edited.text)); });
   lens.width = lens.height = 100;
-  const std::string written = in_file("written.yml", opencv_text(lens, notes));
+  const bool sphere = lens.model == "unified" || lens.model == "double_sphere";
+  if (sphere) lens.name = "cam0";
+  const std::string written = in_file(
+      "written.yml", sphere ? kalibr_text({lens}, {std::nullopt}) : opencv_text(lens, notes));
   again([&] { return read_lens(written, {}, notes); });
 }
 

@@ -588,8 +588,9 @@ avg_reprojection_error: 2.2
         refused("<robot/>", "opencv_storage")
         refused("PK\x03\x04", "zip")
         chain = "cam0:\n  camera_model: %s\n  intrinsics: [0.5, 400, 400, 320, 240]\n  distortion_model: %s\n  distortion_coeffs: [0, 0, 0, 0]\n  resolution: [640, 480]\n"
-        for model in ("omni", "ds", "eucm"):
-            refused(chain % (model, "none"), "c.yaml:2: cam0.camera_model", "'%s'" % model, "radtan", "equidistant")
+        refused(chain % ("eucm", "none"), "c.yaml:2: cam0.camera_model", "'eucm'", "radtan", "equidistant", "ds")
+        refused(chain % ("omni", "equidistant"), "c.yaml:4: cam0.distortion_model", "'equidistant'", "radtan")
+        refused(chain % ("ds", "none"), "cam0.intrinsics", "6")
         refused((chain % ("pinhole", "fov")).replace("0.5, ", ""), "c.yaml:4: cam0.distortion_model", "'fov'", "radtan")
         refused(chain % ("pinhole", "radtan"), "cam0.intrinsics", "4")
         self.write("c.yaml", good)
@@ -629,6 +630,121 @@ cam1:
         run = self.good("import", "c.yaml", "--camera", "cam1")
         self.assertIn("T_cn_cnm1", run.stderr)
         self.assertEqual(yaml.safe_load(run.stdout)["model"], "kannala_brandt")
+
+    def printed(self, name, text, *more):
+        self.write(name, text)
+        run = self.good("import", name, *more)
+        return yaml.safe_load(run.stdout), run.stderr
+
+    def test_new_lenses(self):
+        """Double sphere, unified, 12 and 14 numbers: out to the formats that have them, in again; refused by those that do not."""
+        numbers = {"unified": [1.2, -0.1, 0.02, 0.001, -0.002], "double_sphere": [-0.27, 0.57],
+                   "brown_conrady": [0.1, -0.2, 0.001, -0.002, 0.05, 0.3, -0.1, 0.02, 0.001, -0.002, 0.003, 0.0005]}
+        for model, distortion, formats in (("unified", numbers["unified"], ["kalibr"]), ("double_sphere", numbers["double_sphere"], ["kalibr"]),
+                                           ("brown_conrady", numbers["brown_conrady"], ["opencv"]), ("brown_conrady", numbers["brown_conrady"] + [0.01, -0.02], ["opencv"])):
+            self.write("rig.yaml", RIG.replace("model: brown_conrady", "model: " + model, 1).replace("[-0.21, 0.11, 0.001, -0.002, 0.03]", str(distortion), 1))
+            for format in ("camera_info", "opencv", "kalibr"):
+                with self.subTest(model=model, numbers=len(distortion), format=format):
+                    if format in formats:
+                        self.good("export", "rig.yaml", "--as", format, "--sensor", "left", "--out", "c.yaml", "--force")
+                        keys = yaml.safe_load(self.good("import", "c.yaml").stdout)
+                        self.assertEqual((keys["model"], keys["intrinsics"], keys["distortion"]), (model, [500.5, 501.25, 320.125, 240.75], distortion))
+                    else:
+                        self.fails(["export", "rig.yaml", "--as", format, "--sensor", "left"], "sensors.left", "--as")
+
+    def test_other_programs(self):
+        """VINS, Basalt, mrcal, MC-Calib, ost.txt, RealSense: the numbers, or what is not supported and what to do."""
+        vins = "%YAML:1.0\n---\nmodel_type: {}\ncamera_name: eye\nimage_width: 640\nimage_height: 480\n"
+        radtan = "distortion_parameters:\n   k1: -0.1\n   k2: 0.02\n   p1: 0.001\n   p2: -0.002\n"
+        keys, _ = self.printed("v.yaml", vins.format("PINHOLE") + radtan + "projection_parameters:\n   fx: 400.5\n   fy: 401.5\n   cx: 320\n   cy: 240\n")
+        self.assertEqual(keys, {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [400.5, 401.5, 320, 240], "distortion": [-0.1, 0.02, 0.001, -0.002, 0]})
+        keys, _ = self.printed("v.yaml", vins.format("MEI") + "mirror_parameters:\n   xi: 1.5\n" + radtan +
+                               "projection_parameters:\n   gamma1: 900\n   gamma2: 901\n   u0: 320\n   v0: 240\n")
+        self.assertEqual((keys["model"], keys["intrinsics"], keys["distortion"]), ("unified", [900, 901, 320, 240], [1.5, -0.1, 0.02, 0.001, -0.002]))
+        fisheye = "projection_parameters:\n   k2: -0.003\n   k3: 0.04\n   k4: -0.03\n   k5: 0.006\n   mu: 286.5\n   mv: 286\n   u0: 320\n   v0: 240\n"
+        keys, _ = self.printed("v.yaml", vins.format("KANNALA_BRANDT") + fisheye)
+        self.assertEqual((keys["model"], keys["intrinsics"], keys["distortion"]), ("kannala_brandt", [286.5, 286, 320, 240], [-0.003, 0.04, -0.03, 0.006]))
+        self.write("v.yaml", vins.format("SCARAMUZZA"))
+        self.fails(["import", "v.yaml"], "v.yaml:3: model_type", "'SCARAMUZZA'", "KANNALA_BRANDT", "kincal intrinsics")
+
+        def basalt(kind, **numbers):
+            camera = {"camera_type": kind, "intrinsics": dict(fx=380.5, fy=381, cx=510, cy=514, **numbers)}
+            return json.dumps({"value0": {"T_imu_cam": [{"px": 0}], "intrinsics": [camera, camera], "resolution": [[1024, 1000], [640, 480]]}})
+        self.write("b.json", basalt("ds", xi=-0.2, alpha=0.6))
+        self.fails(["import", "b.json"], "--camera", "cam0, cam1")
+        keys, said = self.printed("b.json", basalt("ds", xi=-0.2, alpha=0.6), "--camera", "cam0")
+        self.assertEqual(keys, {"model": "double_sphere", "image_size": [1024, 1000], "intrinsics": [380.5, 381, 510, 514], "distortion": [-0.2, 0.6]})
+        self.assertIn("T_imu_cam", said)
+        keys, _ = self.printed("b.json", basalt("kb4", k1=0.01, k2=0.02, k3=0.03, k4=0.04), "--camera", "cam1")
+        self.assertEqual((keys["model"], keys["image_size"], keys["distortion"]), ("kannala_brandt", [640, 480], [0.01, 0.02, 0.03, 0.04]))
+        keys, _ = self.printed("b.json", basalt("ucm", alpha=0.5), "--camera", "cam0")
+        self.assertEqual((keys["model"], keys["intrinsics"], keys["distortion"]), ("unified", [761, 762, 510, 514], [1, 0, 0, 0, 0]))
+        self.assertEqual(self.printed("b.json", basalt("pinhole"), "--camera", "cam0")[0]["model"], "pinhole")
+        self.write("b.json", basalt("eucm", alpha=0.5, beta=1.0))
+        self.fails(["import", "b.json", "--camera", "cam0"], "camera_type", "'eucm'", "ds")
+
+        mrcal = "# made on a day\n{\n    'lensmodel':  'LENSMODEL_%s',\n    # fx fy cx cy\n    'intrinsics': [ 600, 601, 320, 240, %s],\n    'extrinsics': [ 0, 0, 0, 0, 0, %s ],\n    'imagersize': [ 640, 480 ]\n}\n"
+        for count in (4, 5, 8, 12):
+            d = [0.01 * (i + 1) for i in range(count)]
+            keys, said = self.printed("m.cameramodel", mrcal % ("OPENCV%d" % count, "".join("%g, " % v for v in d), "0"))
+            self.assertEqual((keys["model"], keys["distortion"]), ("brown_conrady", [round(v, 9) for v in d] + [0] * (count == 4)))
+            self.assertNotIn("extrinsics", said)
+        keys, said = self.printed("m.cameramodel", mrcal % ("PINHOLE", "", "1"))
+        self.assertEqual(keys, {"model": "pinhole", "image_size": [640, 480], "intrinsics": [600, 601, 320, 240]})
+        self.assertIn("extrinsics", said)
+        self.write("m.cameramodel", mrcal % ("SPLINED_STEREOGRAPHIC_order=3", "1, ", "0"))
+        self.fails(["import", "m.cameramodel"], "lensmodel", "SPLINED", "mrcal-convert-lensmodel")
+        self.write("m.cameramodel", mrcal % ("OPENCV8", "1, ", "0"))
+        self.fails(["import", "m.cameramodel"], "intrinsics", "12 numbers")
+
+        camera = ("camera_%d:\n   camera_matrix: !!opencv-matrix\n      rows: 3\n      cols: 3\n      dt: d\n      data: [ 1213., 0., 640., 0., 1212., 361., 0., 0., 1. ]\n"
+                  "   distortion_vector: !!opencv-matrix\n      rows: 1\n      cols: %d\n      dt: d\n      data: [ %s ]\n   distortion_type: %d\n   camera_group: 0\n"
+                  "   img_width: 1280\n   img_height: 720\n")
+        both = "%YAML:1.0\n---\nnb_camera: 2\n" + camera % (0, 5, "-0.1, 0.05, 0., 0., 0.", 0) + camera % (1, 4, "0.01, 0.02, 0.03, 0.04", 1)
+        self.write("mc.yml", both)
+        self.fails(["import", "mc.yml"], "--camera", "camera_0, camera_1")
+        keys, _ = self.printed("mc.yml", both, "--camera", "camera_1")
+        self.assertEqual(keys, {"model": "kannala_brandt", "image_size": [1280, 720], "intrinsics": [1213, 1212, 640, 361], "distortion": [0.01, 0.02, 0.03, 0.04]})
+        self.assertEqual(self.printed("mc.yml", both, "--camera", "camera_0")[0]["model"], "brown_conrady")
+
+        ost = ("# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n[narrow_stereo]\n\ncamera matrix\n601.5 0.000000 318.5\n0.000000 600.5 243.25\n"
+               "0.000000 0.000000 1.000000\n\ndistortion\n%s\n\nrectification\n1.0 0.0 0.0\n0.0 1.0 0.0\n0.0 0.0 1.0\n\nprojection\n590.1 0.0 318.0 0.0\n0.0 592.0 243.0 0.0\n0.0 0.0 1.0 0.0\n\n")
+        keys, _ = self.printed("ost.txt", ost % "-0.14 0.039 0.0003 -0.0006 0.0")
+        self.assertEqual(keys, {"model": "brown_conrady", "image_size": [640, 480], "intrinsics": [601.5, 600.5, 318.5, 243.25], "distortion": [-0.14, 0.039, 0.0003, -0.0006, 0]})
+        self.assertEqual(len(self.printed("ost.txt", ost % "0.1 0.2 0 0 0.1 0.1 0.2 0.1")[0]["distortion"]), 8)
+        self.assertEqual(self.printed("ost.txt", ost % "0 0 0 0 0", "--rectified")[0]["intrinsics"], [590.1, 592, 318, 243])
+
+        real = ' Intrinsic of "%s" / 1280x720 / {YUYV/RGB8}\n  Width:        1280\n  Height:       720\n  PPX:          644.125\n  PPY:          362.5\n  Fx:           913.5\n  Fy:           912.25\n' \
+               "  Distortion:   %s\n  Coeffs:       %s\n  FOV (deg):    70.0 x 43.1\n\n"
+        keys, _ = self.printed("rs.txt", real % ("Color", "Inverse Brown Conrady", "0  0  0  0  0"))
+        self.assertEqual(keys, {"model": "pinhole", "image_size": [1280, 720], "intrinsics": [913.5, 912.25, 644.125, 362.5]})
+        self.write("rs.txt", real % ("Color", "Inverse Brown Conrady", "0.1  0  0  0  0"))
+        self.fails(["import", "rs.txt"], "Distortion", "'Inverse Brown Conrady'", "kincal intrinsics")
+        two = real % ("Color", "Brown Conrady", "0.1 0 0 0 0") + real % ("Fisheye", "Kannala Brandt4", "0.1 0.2 0.3 0.4 0")
+        self.write("rs.txt", two)
+        self.fails(["import", "rs.txt"], "--camera", "Color 1280x720", "Fisheye 1280x720")
+        self.assertEqual(self.printed("rs.txt", two, "--camera", "Fisheye 1280x720")[0]["distortion"], [0.1, 0.2, 0.3, 0.4])
+        self.write("m.txt", "fc = [ 657.4 ; 657.9 ];\ncc = [ 303.1 ; 242.5 ];\nalpha_c = 0.0004;\nkc = [ -0.25 ; 0.12 ; -0.0002 ; 0.00002 ; 0.0 ];\n")
+        self.fails(["import", "m.txt"], "MATLAB", "brown_conrady")
+
+    def test_what_looks_right(self):
+        """A fisheye that says so as camera_model; skews; mirrored and turning lenses; a baseline with the wrong sign."""
+        text = self.exported("camera_info", "--sensor", "right")
+        keys, said = self.printed("c.yaml", text.replace("distortion_model: equidistant", "camera_model: fisheye"))
+        self.assertEqual((keys["model"], keys["distortion"], said), ("kannala_brandt", [0.01, -0.02, 0.003, -0.0004], ""))
+        self.write("c.yaml", text.replace("[300.0, 0.0, 400.0,", "[300.0, -0.95, 400.0,", 1))
+        self.fails(["import", "c.yaml"], "skew of -0.95 px", "CALIB_FIX_SKEW")
+        self.write("c.yaml", text.replace("[300.0, 0.0, 400.0,", "[-300.0, 0.0, 400.0,", 1))
+        self.fails(["import", "c.yaml"], "mirrored", "width - 1 - cx")
+        keys, said = self.printed("c.yaml", re.sub(r"data: \[0.01, -0.02, 0.003, [^]]*\]", "data: [-1.15, 2.91, -2.48, 0.18]", text))
+        self.assertEqual(keys["distortion"], [-1.15, 2.91, -2.48, 0.18])
+        self.assertIn("turns back", said)
+        _, said = self.printed("c.yaml", self.exported("camera_info", "--sensor", "stereo").replace("-36.0, 0.0, 400.0", "36.0, 0.0, 400.0"))
+        self.assertIn("negative", said)
+        self.write("c.yaml", "%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ 300., 0., 400., 0., 301., 300., 0., 0., 1. ]\n"
+                   "D: !!opencv-matrix\n   rows: 1\n   cols: 14\n   dt: d\n   data: [ 0.1, -0.2, 0., 0., 0.05, 0., 0., 0., 0., 0., 0., 0., 0., 0. ]\n")
+        self.assertEqual(len(yaml.safe_load(self.good("import", "c.yaml").stdout)["distortion"]), 8)
+        self.fails(["import", "rig.yaml"], "this is a rig", "--rig")
 
     def test_targets(self):
         self.write("a.yaml", "target_type: 'aprilgrid' #gridtype\ntagCols: 6\ntagRows: 5\ntagSize: 0.088\ntagSpacing: 0.3\ncodeOffset: 0\n")

@@ -981,6 +981,48 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
   CHECK(files >= 11);
 }
 
+TEST_CASE("lenses beyond the usual ones, and ranges of a depth camera", "[rig]") {
+  const Place place;
+  const auto read = [&](const std::string& sensor) {
+    place.write("rig.yaml", R"(format: kincal/1
+robot: {base: base, flange: tool0}
+targets: {dot: {type: points, points: [[0, 0, 0]], mount: {link: tool0}}}
+sensors: {eye: {link: base, sigma: 0.1, )" +
+                                sensor + "}}\n");
+    return read_rig(place.rig).rig.sensors[0];
+  };
+  const auto camera = [&](const std::string& rest) {
+    return read("type: camera, intrinsics: [600, 601, 320, 240], model: " + rest);
+  };
+  const auto distortion = [&](const std::string& rest) {
+    return camera(rest).parameters[1].values;
+  };
+  using Numbers = std::vector<double>;
+  CHECK(distortion("unified, distortion: [1.5, 0.1, 0.2, 0.3, 0.4]") ==
+        Numbers{1.5, 0.1, 0.2, 0.3, 0.4});
+  CHECK(distortion("unified") == Numbers{1, 0, 0, 0, 0});
+  CHECK(distortion("double_sphere, distortion: [-0.2, 0.6]") == Numbers{-0.2, 0.6});
+  CHECK(distortion("double_sphere") == Numbers{0, 0.5});
+  CHECK(distortion("rational_polynomial").size() == 8);
+  CHECK(camera("brown_conrady, distortion: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]")
+            .parameters[1]
+            .components.back() == "tau_y");
+  CHECK_THAT(error_of([&] { camera("double_sphere, distortion: [1, 2, 3]"); }),
+             Contains("sensors.eye.distortion") && Contains("double_sphere 2"));
+  CHECK_THAT(error_of([&] { camera("brown_conrady, distortion: [1, 2, 3, 4, 5, 6]"); }),
+             Contains("brown_conrady 5, 8, 12 or 14"));
+  CHECK_THAT(error_of([&] { camera("mei"); }),
+             Contains("unknown model 'mei'") && Contains("unified (xi k1 k2 p1 p2)"));
+  const Sensor depth = read("type: point, range_scale: 1.01, range_offset: -0.02");
+  REQUIRE(depth.parameters.size() == 2);
+  CHECK((depth.parameters[0].name == "range_scale" && depth.parameters[0].values[0] == 1.01));
+  CHECK((depth.parameters[1].name == "range_offset" && depth.parameters[1].values[0] == -0.02));
+  CHECK(read("type: point, range_offset: 0").parameters[0].values[0] == 1);
+  CHECK(read("type: point").parameters.empty());
+  CHECK_THAT(error_of([&] { read("type: point, range_scale: 0"); }),
+             Contains("sensors.eye.range_scale"));
+}
+
 TEST_CASE("a sample's own sigmas of readings, and back to text", "[samples]") {
   const Place place;
   place.write("rig.yaml", R"(format: kincal/1

@@ -419,6 +419,25 @@ TEST_CASE("groups: a laser that tilts") {
   check_own_axes(recording, groups);
 }
 
+TEST_CASE("groups: scale and offset of the range, where the rig states them") {
+  Rig rig;
+  add_link(rig, "base");
+  const std::string hand = add_row(rig, "base", "a", {kZ, kY, kX});
+  finish_tree(rig.tree);
+  const int depth = add_tracker(rig, "depth", hand, at({0, 0, 0.1}), {1e-3, 1e-3, 1e-3});
+  add_grid(rig, "board", 4, 5, 0.04, "base", at({0.5, 0, 0}));
+  const Recording without(rig, seen(rig));
+  CHECK(group_names(make_groups(without, {})).count("ranges") == 0);
+  rig.sensors[depth].model = make_ranged_point();
+  rig.sensors[depth].parameters = range_parameters(1, 0);
+  const Recording recording(rig, seen(rig));
+  const AutomaticGroups groups = make_groups(recording, {});
+  CHECK(names(recording, group(groups, "ranges").members) ==
+        Names{"sensor/depth/range_offset", "sensor/depth/range_scale"});
+  CHECK(group(groups, "ranges").members[0].start == Approx(0.005));
+  CHECK(group(groups, "ranges").members[1].start == Approx(0.005));
+}
+
 TEST_CASE("groups: what nothing can turn") {
   Rig rig;
   add_link(rig, "base");

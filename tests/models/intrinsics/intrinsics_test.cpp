@@ -249,6 +249,30 @@ TEST_CASE("intrinsics: the lens that made the views is chosen", "[intrinsics]") 
   }
 }
 
+TEST_CASE("intrinsics: lenses that auto does not try are found by name", "[intrinsics]") {
+  const struct {
+    const char* model;
+    Lens lens;
+    std::vector<double> distortion, intrinsics;
+  } cases[] = {{"double_sphere", Lens::double_sphere, {-0.2, 0.6}, {150, 152, 322, 236}},
+               {"double_sphere", Lens::double_sphere, {0.1, 0.55}, {200, 202, 322, 236}},
+               {"unified", Lens::unified, {1.2, -0.05, 0.01, 0.001, -0.001}, {420, 422, 322, 236}}};
+  for (const auto& one : cases) {
+    Rig truth = cameras_on_hand({Pose()}, one.lens, one.distortion);
+    truth.sensors[0].parameters[0].values = one.intrinsics;
+    const std::vector<Sample> samples = views(truth, board_poses(20, 0.7, 11, 3), 12);
+    const IntrinsicsResult result = calibrated(guessed(truth), samples, one.model);
+    INFO(one.model << " " << one.distortion[0]);
+    CHECK(result.cameras[0].model->name == one.model);
+    CHECK(result.cameras[0].noise == Approx(kPixel).epsilon(0.06));
+    // xi, k1 and k2 do nearly the same, and so do two double spheres of positive and negative xi.
+    if (one.distortion[0] > 0) continue;
+    const Solution& solution = result.groups[0].solution;
+    const VectorXd e = errors(result.groups[0], truth);
+    CHECK(e.dot(solution.covariance.ldlt().solve(e)) / static_cast<double>(e.size()) < 4);
+  }
+}
+
 TEST_CASE("intrinsics: where a point appears is known as stated", "[intrinsics]") {
   const Rig truth = cameras_on_hand({Pose()}, Lens::brown_conrady, kBarrel);
   const Matrix3Xd points = target_points(truth.targets[0]);

@@ -204,8 +204,35 @@ const std::vector<Lensed> kCameras = {
      Lens::brown_conrady,
      {0.31, -0.12, -0.002, 0.001, 0.03, 0.42, 0.11, 0.02},
      0.05},
+    {"brown_conrady, 12",
+     Lens::brown_conrady,
+     {0.31, -0.12, -0.002, 0.001, 0.03, 0.42, 0.11, 0.02, 0.003, -0.001, -0.002, 0.004},
+     -0.05},
+    {"brown_conrady, 14",
+     Lens::brown_conrady,
+     {0.31, -0.12, -0.002, 0.001, 0.03, 0.42, 0.11, 0.02, 0.003, -0.001, -0.002, 0.004, 0.06,
+      -0.09},
+     0.05},
+    {"unified, mirror", Lens::unified, {1.7, -0.12, 0.05, 0.002, -0.003}, 0.04},
+    {"unified, fisheye", Lens::unified, {0.8, 0.05, -0.02, -0.001, 0.002}, 0.04},
+    {"double_sphere", Lens::double_sphere, {-0.27, 0.57}, 0.04},
+    {"double_sphere, alpha below a half", Lens::double_sphere, {0.15, 0.4}, 0.04},
     {"kannala_brandt", Lens::kannala_brandt, {0.03, -0.012, 0.004, -0.0007}, 0.04},
 };
+
+/// The angle from the axis up to which a lens sees: where its image ends or turns back.
+double widest(const Lensed& camera) {
+  const std::vector<double>& d = camera.distortion;
+  if (camera.lens == Lens::kannala_brandt) return kPi;
+  if (camera.lens == Lens::unified) return std::acos(-(d[0] > 1 ? 1 / d[0] : d[0]));
+  if (camera.lens != Lens::double_sphere) return kPi / 2;
+  // The first sphere's angle by that of the second one: t - t2 = asin(xi sin(t2)), where the second
+  // is seen up to cos(t2) = -w1.
+  const double w1 = d[1] > 0.5 ? (1 - d[1]) / d[1] : d[1] / (1 - d[1]), t2 = std::acos(-w1);
+  return t2 + std::asin(d[0] * std::sin(t2));
+}
+
+bool sees_sideways(const Lensed& camera) { return widest(camera) > kPi / 2 + 1e-9; }
 
 Stage camera_stage(const Lensed& camera, Random& random) {
   Stage s;
@@ -325,6 +352,10 @@ TEST_CASE("sensors tell what they are") {
   CHECK_THROWS_AS(make_camera(Lens::brown_conrady, 4), std::invalid_argument);
   CHECK_THROWS_AS(make_camera(Lens::kannala_brandt, 5), std::invalid_argument);
   CHECK_THROWS_AS(make_camera(Lens::pinhole, 1), std::invalid_argument);
+  for (const int count : {4, 6, 9, 13, 15})
+    CHECK_THROWS_AS(make_camera(Lens::brown_conrady, count), std::invalid_argument);
+  CHECK_THROWS_AS(make_camera(Lens::unified, 1), std::invalid_argument);
+  CHECK_THROWS_AS(make_camera(Lens::double_sphere, 5), std::invalid_argument);
 }
 
 TEST_CASE("cameras: parameters by name") {
@@ -342,6 +373,23 @@ TEST_CASE("cameras: parameters by name") {
   CHECK(camera_parameters(Lens::kannala_brandt, {1, 2, 3, 4}, {5, 6, 7, 8}, 0)[1].components ==
         std::vector<std::string>{"k1", "k2", "k3", "k4"});
   CHECK(camera_parameters(Lens::pinhole, {1, 2, 3, 4}, {}, 0).size() == 2);
+  const auto tilted =
+      camera_parameters(Lens::brown_conrady, {1, 2, 3, 4}, std::vector<double>(14, 0), 0)[1];
+  CHECK(tilted.components == std::vector<std::string>{"k1", "k2", "p1", "p2", "k3", "k4", "k5",
+                                                      "k6", "s1", "s2", "s3", "s4", "tau_x",
+                                                      "tau_y"});
+  CHECK((tilted.units[11].empty() && tilted.units[12] == "rad" && tilted.units[13] == "rad"));
+  for (const LensType& type : lens_types())
+    for (const int count : type.counts) {  // the names tell the lens
+      const auto numbers =
+          camera_parameters(type.lens, {1, 2, 3, 4}, std::vector<double>(count), 0);
+      CHECK(lens_type(numbers).lens == type.lens);
+      CHECK(lens_type(type.lens).name == std::string(type.name));
+      CHECK_NOTHROW(make_camera(type.lens, count));
+    }
+  auto other = camera_parameters(Lens::kannala_brandt, {1, 2, 3, 4}, {5, 6, 7, 8}, 0);
+  other[1].components[2] = "k9";
+  CHECK_THROWS_AS(lens_type(other), std::invalid_argument);
 }
 
 TEST_CASE("cameras: pixels as the formats' formulas give them") {
@@ -403,23 +451,58 @@ TEST_CASE("cameras: derivatives on the optical axis and beside it") {
     }
 }
 
-TEST_CASE("kannala_brandt: beyond 90 degrees, pixels and derivatives") {
+TEST_CASE("fisheyes: beyond 90 degrees, pixels and derivatives") {
   Random random(15);
-  const Lensed& camera = kCameras.back();
-  const Sensor reference = camera_sensor(camera);
-  for (const double degrees : {85.0, 89.9999, 90.0, 95.0, 120.0, 150.0, 170.0}) {
+  for (const Lensed& camera : kCameras) {
+    if (!sees_sideways(camera)) continue;
+    const Sensor reference = camera_sensor(camera);
+    for (const double degrees : {85.0, 89.9999, 90.0, 95.0, 120.0, 150.0, 170.0}) {
+      if (degrees * kPi / 180 > widest(camera) - 0.15) continue;
+      Stage s = camera_stage(camera, random);
+      const double t = degrees * kPi / 180, angle = random.uniform(-kPi, kPi);
+      s.pose.translation =
+          1.5 * Vector3d(std::sin(t) * std::cos(angle), std::sin(t) * std::sin(angle), std::cos(t));
+      s.pose.translation.x() += camera.baseline;
+      Vector2d pixel;
+      REQUIRE(project(reference, s.pose.translation, pixel));
+      INFO(camera.name << ", " << degrees << " degrees");
+      s.ids = {0};  // at the target's origin; the others may be where the lens sees nothing
+      s.z.resize(2);
+      CHECK(std::abs(s.residual()(0) + s.z[0] - pixel.x()) < 1e-8);
+      CHECK(std::abs(s.residual()(1) + s.z[1] - pixel.y()) < 1e-8);
+      check_derivatives(s, degrees > 160 || camera.lens != Lens::kannala_brandt ? 2e-4 : 1e-3);
+    }
+  }
+}
+
+TEST_CASE("cameras: defined up to where they see, and one to one there") {
+  Random random(24);
+  for (const Lensed& camera : kCameras) {
+    if (camera.lens == Lens::kannala_brandt) continue;  // all around
     Stage s = camera_stage(camera, random);
-    const double t = degrees * kPi / 180, angle = random.uniform(-kPi, kPi);
-    s.pose.translation =
-        1.5 * Vector3d(std::sin(t) * std::cos(angle), std::sin(t) * std::sin(angle), std::cos(t));
-    s.pose.translation.x() += camera.baseline;
-    Vector2d pixel;
-    REQUIRE(project(reference, s.pose.translation, pixel));
-    INFO(degrees << " degrees");
-    CHECK(std::abs(s.residual()(2) + s.z[2] - pixel.x()) <
-          1e-8);  // id 0 is the second point seen, at the target's origin
-    CHECK(std::abs(s.residual()(3) + s.z[3] - pixel.y()) < 1e-8);
-    check_derivatives(s, degrees > 160 ? 2e-4 : 1e-3);
+    s.ids = {0};
+    s.points.col(0).setZero();
+    s.layout.resize(3, 0);
+    s.z = {0, 0};
+    const double limit = widest(camera);
+    const auto radius = [&](double t) {  // of the image at an angle from the axis; -1: undefined
+      s.pose = {Matrix3d::Identity(), Vector3d(std::sin(t) + camera.baseline, 0, std::cos(t))};
+      VectorXd r(2);
+      if (!s.model->evaluate(s.input(), Columns(), r.data(), nullptr)) return -1.0;
+      return std::hypot(r(0) - 310.5, r(1) - 244);
+    };
+    INFO(camera.name << ", up to " << limit);
+    if (camera.distortion.size() != 14) CHECK(radius(limit - 1e-6) >= 0);  // else of the tilt, too
+    CHECK(radius(limit + 1e-6) < 0);
+    if (camera.lens == Lens::brown_conrady || camera.lens == Lens::pinhole) continue;
+    for (double& k : s.parameters)  // without radtan, of which no end is known
+      if (camera.lens == Lens::unified && &k > &s.parameters[4] && &k < &s.parameters[9]) k = 0;
+    double before = -1;
+    for (int i = 0; i < 200; ++i) {
+      const double now = radius((limit - 1e-6) * i / 199);
+      CHECK(now > before);
+      before = now;
+    }
   }
 }
 
@@ -438,14 +521,15 @@ TEST_CASE("cameras: what is behind them is refused") {
       CHECK(with == without);
       return without;
     };
-    const bool fisheye = camera.lens == Lens::kannala_brandt;
+    const bool fisheye = sees_sideways(camera);
     CHECK(defined({0.3, 0.2, 0.5}));
-    CHECK(defined({0.3, 0.2, -0.5}) == fisheye);
+    CHECK(defined({0.3, 0.2, -0.5}) == (camera.lens == Lens::kannala_brandt));
     CHECK(defined({0.3, 0.2, 0}) == fisheye);
     CHECK_FALSE(defined({camera.baseline, 0, -0.5}));  // id 0 at the point opposite to +z
     CHECK_FALSE(defined({camera.baseline, 0, 0}));     // in the very centre
     s.pose = {rpy(0, 1.2, 0), Vector3d(0, 0, 0.05)};   // only the far column of the grid is behind
-    CHECK(s.model->evaluate(s.input(), Columns(), r.data(), nullptr) == fisheye);
+    CHECK(s.model->evaluate(s.input(), Columns(), r.data(), nullptr) ==
+          (camera.lens == Lens::kannala_brandt));
   }
 }
 
@@ -468,6 +552,41 @@ TEST_CASE("point: value and derivatives") {
                 .norm() < 1e-14);
     check_derivatives(s);
   }
+}
+
+TEST_CASE("point with a range: value, derivatives, the sensor's origin") {
+  Random random(25);
+  Stage s;
+  s.owner = make_ranged_point();
+  s.model = s.owner.get();
+  CHECK((s.model->rows() == 3 && s.model->measurement_kind() == MeasurementKind::points));
+  set_grid(s);
+  for (int i = 0; i < 12; ++i) s.z.push_back(random.uniform(-1, 1));
+  for (const std::vector<double>& numbers :
+       {std::vector<double>{1, 0}, {1.02, 0.015}, {0.97, -0.03}}) {
+    s.parameters = numbers;
+    for (int trial = 0; trial < 5; ++trial) {
+      s.pose = random.pose(1, 3);
+      s.pose.translation.z() += 2;
+      const VectorXd r = s.residual();
+      for (int i = 0; i < 4; ++i) {
+        const Vector3d p = isometry(s.pose) * Vector3d(s.points.col(s.ids[i]));
+        const Vector3d seen = p.normalized() * (numbers[0] * p.norm() + numbers[1]);
+        CHECK((r.segment<3>(3 * i) - (seen - Vector3d(s.z[3 * i], s.z[3 * i + 1], s.z[3 * i + 2])))
+                  .norm() < 1e-14);
+      }
+      check_derivatives(s);
+    }
+  }
+  // A tip in the sensor's own origin has no ray: it measures 0 where no offset says otherwise.
+  s.ids = {0};
+  s.z.resize(3);
+  s.pose = Pose();
+  VectorXd r(3);
+  CHECK_FALSE(s.model->evaluate(s.input(), Columns(), r.data(), nullptr));
+  s.parameters = {1.02, 0};
+  REQUIRE(s.model->evaluate(s.input(), Columns(), r.data(), nullptr));
+  CHECK(r == -Eigen::Map<const VectorXd>(s.z.data(), 3));
 }
 
 TEST_CASE(

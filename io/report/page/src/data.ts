@@ -18,7 +18,7 @@ export interface Step {
   unused?: string[]; held_out?: string[];
 }
 export interface Parameter {
-  unit?: string[]; initial?: number[]; value?: number[]; sigma?: Maybe[]; step?: string;
+  unit?: string[]; initial?: number[]; value?: number[]; sigma?: Maybe[]; step?: string; components?: string[];
   pose?: { xyz: number[]; quat: number[] };
 }
 export interface Group {
@@ -292,7 +292,7 @@ export function componentNames(parameter: string, size: number): string[] {
 
 export function components(result: Result): Component[] {
   return Object.entries(result.parameters ?? {}).flatMap(([parameter, p]) =>
-    componentNames(parameter, p.value?.length ?? 0).map((name, i) => {
+    (p.components?.map((c) => `${parameter}.${c}`) ?? componentNames(parameter, p.value?.length ?? 0)).map((name, i) => {
       const initial = p.initial?.[i] ?? 0, sigma = p.sigma?.[i] ?? null;
       // What only rounding moved did not move.
       const value = Math.abs(p.value![i] - initial) < 1e-9 * (sigma || 1) ? initial : p.value![i];

@@ -205,6 +205,10 @@ describe('data', () => {
     expect(componentNames('target/t/points', 6)[4]).toBe('target/t/points.1.y');
     expect(components({ parameters: { 'joint/j/offset': { unit: ['rad'], initial: [0], value: [0.1], sigma: [null] } } })[0].name).toBe('joint/j/offset');
   });
+  test('a lens of another kind names its components', () => {
+    const p = { unit: ['', ''], initial: [0, 0.5], value: [-0.2, 0.6], sigma: [null, null], components: ['xi', 'alpha'] };
+    expect(components({ parameters: { 'sensor/c/distortion': p } }).map((c) => c.name)).toEqual(['sensor/c/distortion.xi', 'sensor/c/distortion.alpha']);
+  });
   test('what only rounding moved did not move, and a pose that the rig leaves open has no change', () => {
     const p = (value: number, sigma: number | null) => ({ unit: ['rad'], initial: [0], value: [value], sigma: [sigma] });
     expect(components({ parameters: { 'joint/a/offset': p(-1.7e-17, 5e-4), 'joint/b/offset': p(1e-9, null) } }).map((c) => c.value)).toEqual([0, 1e-9]);
