@@ -135,7 +135,7 @@ void lerobot(const std::string& text) {
 void foreign(const std::string& text) {
   const std::string path = in_file("foreign.yaml", text);
   if (is_hand_eye(path)) {
-    const HandEyeFiles files = read_hand_eye(path, false);
+    const HandEyeFiles files = hand_eye_files(path, read_hand_eye(path, false), false);
     const RigFile rig = again([&] { return read_rig(in_file("made.yaml", files.rig_yaml)); });
     again([&] { return parse_samples(files.samples_jsonl, "made.jsonl", rig.rig); });
     return;
