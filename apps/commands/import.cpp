@@ -122,6 +122,13 @@ int import_poses(const ImportArguments& a) {
                      ": say both, what saw and what was seen, or neither");
   const std::vector<FlangePose> poses =
       read_flange_poses(a.file, pose_format(a.pose_format), pose_unit(a.unit));
+  for (const FlangePose& one : poses)
+    if (!a.sensor.empty() && one.image.empty())
+      throw InputError(one.where +
+                       ": no image: with --sensor and --target each row names the image "
+                       "in which the target is looked for; without them the rows are readings for "
+                       "`kincal detect RIG IMAGES --joints`; what else was measured there needs "
+                       "--rig");
   std::vector<Pose> all;
   for (const FlangePose& one : poses) all.push_back(one.pose);
   if (const std::string doubt = doubt_of_unit(a.file, all); !doubt.empty())

@@ -161,8 +161,7 @@ bool nothing_missing(const std::vector<Placed>& placed, const ImageTarget& targe
 /// The markers that one threshold finds: an eighth of the time, and enough for most pictures.
 BoardLook first_look(const cv::Mat& image, const ImageTarget& target) {
   BoardLook out;
-  const Markers markers =
-      find_markers(image, target.dictionary, {1, 7, kFirstWindow, kFirstWindow});
+  const Markers markers = find_markers(image, target, {1, 7, kFirstWindow, kFirstWindow});
   std::array<std::vector<Placed>, 2> placed;
   std::array<PlaneView, 2> views;
   for (const int odd : {0, 1}) {
@@ -193,7 +192,7 @@ BoardLook first_look(const cv::Mat& image, const ImageTarget& target) {
 /// The same with all thresholds: whatever markers agree.
 BoardLook second_look(const cv::Mat& image, const ImageTarget& target, std::string& reason) {
   BoardLook out;
-  Markers markers = find_markers(image, target.dictionary, {});
+  Markers markers = find_markers(image, target, {});
   for (auto& one : markers) {
     const double reach =
         std::clamp(0.6 * edge_length(one.second) / (bits_of(target.dictionary) + 2), 1.5, 5.0);

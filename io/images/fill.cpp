@@ -98,7 +98,21 @@ void work(ImageTask& task, const FillOptions& options) {
   task.image.grey.release();
 }
 
+/// Of two targets that look the same, both would be found at the same place.
+void refuse_alike(const std::vector<ImageTask>& tasks) {
+  for (const ImageTask& task : tasks)
+    for (const ImageTask::Wanted& a : task.wanted)
+      for (const ImageTask::Wanted& b : task.wanted)
+        if (a.target->name < b.target->name && look_alike(*a.target, *b.target))
+          throw InputError(
+              task.shown + ": targets '" + a.target->name + "' and '" + b.target->name +
+              "' look the same in a picture, so it cannot be told which is seen: give each markers "
+              "of its own (dictionary, id, first_id), or write samples whose views say which of "
+              "them an image shows");
+}
+
 void work_all(std::vector<ImageTask>& tasks, const FillOptions& options) {
+  refuse_alike(tasks);
   if (!options.draw.empty()) fs::create_directories(options.draw);
   in_parallel(
       tasks.size(), options.threads, [&](size_t i) { work(tasks[i], options); }, options.progress);
@@ -335,8 +349,10 @@ std::string no_markers_found(const ImageTarget& target, const ImageTargets& foun
     return what + ": write " + (tags ? "family: " : "dictionary: ") + name;
   if (target.kind == ImageTarget::Kind::marker) return what + ": write id: " + std::to_string(low);
   const int all = target.rows * target.columns / (tags ? 1 : 2);
-  return what + (high >= all
-                     ? ": those of such a board are numbered from 0 to " + std::to_string(all - 1)
+  return what + (high >= target.marker_id + all || low < target.marker_id
+                     ? ": the rig's board has " + std::to_string(target.marker_id) + " to " +
+                           std::to_string(target.marker_id + all - 1) + " (write first_id: " +
+                           std::to_string(low) + ", if that is its first marker)"
                      : ": its rows, columns, or the sizes of markers and gaps differ");
 }
 

@@ -53,6 +53,15 @@ ImageTarget read_image_target(const std::string& name, const Field& field,
                       "'; valid: OpenCV's names (DICT_4X4_50 to DICT_7X7_1000, "
                       "DICT_ARUCO_ORIGINAL) and tag16h5, tag25h9, tag36h10, tag36h11");
   };
+  const auto first_id = [&](int count) {
+    if (!field.has("first_id")) return;
+    out.marker_id = field["first_id"].integer(0, 100000);
+    const int all = cv::aruco::getPredefinedDictionary(out.dictionary)->bytesList.rows;
+    if (out.marker_id + count > all)
+      field["first_id"].fail("the board's markers would be " + std::to_string(out.marker_id) +
+                             " to " + std::to_string(out.marker_id + count - 1) +
+                             ", the dictionary has " + std::to_string(all));
+  };
   if (field.has("rows")) {
     out.rows = field["rows"].integer(1, 10000);
     out.columns = field["columns"].integer(1, 10000);
@@ -71,10 +80,12 @@ ImageTarget read_image_target(const std::string& name, const Field& field,
     out.marker = field["marker"].positive() / field["square"].positive();
     if (out.marker >= 1) field["marker"].fail("a marker is smaller than its square");
     dictionary("dictionary");
+    first_id((out.rows * out.columns + 1) / 2);
   } else if (type == "apriltag_grid") {
     out.kind = Kind::tags;
     out.gap = field["spacing"].number_at_least(0);
     dictionary("family");
+    first_id(out.rows * out.columns);
   } else if (type == "marker") {
     out.kind = Kind::marker;
     out.marker_id = field["id"].integer(0, 100000);
@@ -83,6 +94,26 @@ ImageTarget read_image_target(const std::string& name, const Field& field,
     field["type"].fail("targets of type '" + type + "' are not found in images");
   }
   return out;
+}
+
+bool look_alike(const ImageTarget& a, const ImageTarget& b) {
+  using Kind = ImageTarget::Kind;
+  const auto codes = [](const ImageTarget& t) {
+    return t.kind == Kind::charuco || t.kind == Kind::tags || t.kind == Kind::marker;
+  };
+  if (codes(a) != codes(b)) return false;
+  if (codes(a)) {
+    const auto count = [](const ImageTarget& t) {
+      return t.kind == Kind::marker ? 1
+             : t.kind == Kind::tags ? t.rows * t.columns
+                                    : (t.rows * t.columns + 1) / 2;
+    };
+    return a.dictionary == b.dictionary && a.marker_id < b.marker_id + count(b) &&
+           b.marker_id < a.marker_id + count(a);
+  }
+  return a.kind == b.kind && a.asymmetric == b.asymmetric &&
+         ((a.rows == b.rows && a.columns == b.columns) ||
+          (a.kind == Kind::chessboard && a.rows == b.columns && a.columns == b.rows));
 }
 
 ImageTarget image_target(const RigFile& rig, const Target& target) {

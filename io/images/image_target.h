@@ -24,7 +24,7 @@ struct ImageTarget {
                                     // even; -1: as the picture has it
   double gap = 0;                   // tags: gap in tags
   int dictionary = -1;              // OpenCV's number
-  int marker_id = 0;                // marker
+  int marker_id = 0;                // marker; charuco, tags: of the first one
   std::vector<cv::Point2d> points;  // of the plane, in spacings
 };
 
@@ -35,6 +35,10 @@ ImageTarget read_image_target(const std::string& name, const Field& field,
 
 /// Returns the same of a target of a rig. @throws InputError
 ImageTarget image_target(const RigFile& rig, const Target& target);
+
+/// Whether two targets look the same in a picture, or have markers in common, so that one would be
+/// taken for the other.
+bool look_alike(const ImageTarget& a, const ImageTarget& b);
 
 /// Returns what a rig calls a dictionary by OpenCV's number, from 0 on: DICT_4X4_50, tag36h11; "":
 /// there are no more.

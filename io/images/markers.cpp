@@ -57,6 +57,13 @@ Markers find_markers(const cv::Mat& image, int dictionary, const MarkerSearch& s
   return out;
 }
 
+Markers find_markers(const cv::Mat& image, const ImageTarget& board, const MarkerSearch& search) {
+  Markers out;
+  for (const auto& [id, quad] : find_markers(image, board.dictionary, search))
+    if (id >= board.marker_id) out.emplace(id - board.marker_id, quad);
+  return out;
+}
+
 double edge_length(const Quad& quad) {
   double out = 1e9;
   for (size_t k = 0; k < 4; ++k) out = std::min(out, cv::norm(quad[k] - quad[(k + 1) % 4]));

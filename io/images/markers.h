@@ -27,6 +27,9 @@ struct MarkerSearch {
 /// All that are seen whole. A number may be there twice: what else looks like a code.
 Markers find_markers(const cv::Mat& image, int dictionary, const MarkerSearch& search);
 
+/// Those of a board, numbered from its first one.
+Markers find_markers(const cv::Mat& image, const ImageTarget& board, const MarkerSearch& search);
+
 /// Cells of a dictionary's codes along an edge, without their border.
 int bits_of(int dictionary);
 

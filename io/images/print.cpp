@@ -8,7 +8,7 @@ namespace {
 
 int cell_of(double x) { return static_cast<int>(std::floor(x)); }
 
-/// The bits of markers from 0 to count - 1, with a dark border.
+/// The bits of `count` markers from `first` on, with a dark border.
 std::vector<cv::Mat> marker_bits(int dictionary, int first, int count, int border) {
   const auto all = cv::aruco::getPredefinedDictionary(dictionary);
   std::vector<cv::Mat> out;
@@ -37,7 +37,7 @@ Print chessboard_print(int rows, int columns) {
 
 Print charuco_print(const ImageTarget& target) {
   const int rows = target.rows, columns = target.columns;
-  const auto bits = marker_bits(target.dictionary, 0, (rows * columns + 1) / 2, 1);
+  const auto bits = marker_bits(target.dictionary, target.marker_id, (rows * columns + 1) / 2, 1);
   const double size = target.marker, rim = 0.5 * (1 - size);
   const auto brightness = [=](double x, double y) {
     if (x < 0 || y < 0 || x >= columns || y >= rows) return 1.0;
@@ -75,7 +75,7 @@ Print circles_print(const ImageTarget& target) {
 Print tags_print(const ImageTarget& target) {
   const int rows = target.rows, columns = target.columns;
   const double gap = target.gap, pitch = 1 + gap;
-  const auto bits = marker_bits(target.dictionary, 0, rows * columns, 2);
+  const auto bits = marker_bits(target.dictionary, target.marker_id, rows * columns, 2);
   const auto brightness = [=](double x, double y) {
     if (x < -gap || y < -gap || x >= columns * pitch || y >= rows * pitch) return 1.0;
     const int c = cell_of(x / pitch), r = cell_of(y / pitch);

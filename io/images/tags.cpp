@@ -77,7 +77,8 @@ bool explained(const ImageTarget& target, cv::Size image, TagGrid& grid) {
 bool reads(const cv::Mat& image, const ImageTarget& target, const TagGrid& grid, int id) {
   const auto dictionary = cv::aruco::getPredefinedDictionary(target.dictionary);
   const cv::Mat bits = cv::aruco::Dictionary::getBitsFromByteList(
-      dictionary->bytesList.rowRange(id, id + 1), dictionary->markerSize);
+      dictionary->bytesList.rowRange(target.marker_id + id, target.marker_id + id + 1),
+      dictionary->markerSize);
   const int border = grid.border, size = bits.rows + 2 * border;
   std::array<cv::Point2d, 4> corners;
   for (int i = 0; i < 4; ++i) corners[i] = target.points[4 * id + point_of(i, grid.turn)];
@@ -138,8 +139,7 @@ int range_of(const cv::Mat& image) {
 bool first_look(const cv::Mat& image, const ImageTarget& target, TagGrid& grid) {
   const double darker = std::max(3.0, kFirstDarker * range_of(image));
   for (const int border : {2, 1}) {
-    const Markers found =
-        find_markers(image, target.dictionary, {border, darker, kFirstWidth, kFirstWidth});
+    const Markers found = find_markers(image, target, {border, darker, kFirstWidth, kFirstWidth});
     for (const int turn : kTurns) {
       grid = {border, turn, {}, {}};
       for (const auto& [id, quad] : found)
@@ -159,11 +159,11 @@ bool first_look(const cv::Mat& image, const ImageTarget& target, TagGrid& grid) 
 /// at their corners, which a darker threshold parts.
 Markers search_all(const cv::Mat& image, const ImageTarget& target, int& border) {
   border = 2;
-  Markers tags = find_markers(image, target.dictionary, {border});
+  Markers tags = find_markers(image, target, {border});
   const auto add = [&](const cv::Mat& picture, int scale, double darker) {
     const cv::Point2d half(0.5, 0.5);
     Markers more;
-    for (auto one : find_markers(picture, target.dictionary, {border, darker})) {
+    for (auto one : find_markers(picture, target, {border, darker})) {
       for (cv::Point2d& p : one.second) p = (p + half) / scale - half;
       if (!tags.count(one.first)) more.insert(one);
     }
@@ -174,7 +174,7 @@ Markers search_all(const cv::Mat& image, const ImageTarget& target, int& border)
   add(bigger, 2, 7);
   add(image, 1, 20);
   add(bigger, 2, 20);
-  const Markers plain = find_markers(image, target.dictionary, {});
+  const Markers plain = find_markers(image, target, {});
   if (plain.size() > tags.size()) tags = plain, border = 1;
   for (auto one = tags.begin(); one != tags.end();)
     one = one->first < tag_count(target) ? std::next(one) : tags.erase(one);

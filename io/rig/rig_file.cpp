@@ -190,6 +190,7 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
     field["dictionary"].string();
   }
   if (target.type == "apriltag_grid") field["family"].string();
+  if (field.has("first_id")) field["first_id"].integer(0, kMostPoints);
   read_mount(field["mount"], tree, base, target);
   if (!field.has("mount_joint")) return target;
   if (target.link < 0) field["mount_joint"].fail("a free target hangs on no joint");

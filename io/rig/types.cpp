@@ -9,8 +9,14 @@ const std::vector<TargetKeys>& target_types() {
   static const std::vector<TargetKeys> types = {
       {"chessboard", {"rows", "columns", "square"}, {"warp"}, "square"},
       {"circles", {"rows", "columns", "spacing"}, {"asymmetric", "origin", "warp"}, "spacing"},
-      {"charuco", {"rows", "columns", "square", "marker", "dictionary"}, {"warp"}, "square"},
-      {"apriltag_grid", {"rows", "columns", "tag", "spacing", "family"}, {"warp"}, "tag"},
+      {"charuco",
+       {"rows", "columns", "square", "marker", "dictionary"},
+       {"warp", "first_id"},
+       "square"},
+      {"apriltag_grid",
+       {"rows", "columns", "tag", "spacing", "family"},
+       {"warp", "first_id"},
+       "tag"},
       {"marker", {"dictionary", "id", "size"}, {}, ""},
       {"points", {"points"}, {}, ""}};
   return types;

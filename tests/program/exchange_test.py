@@ -876,6 +876,7 @@ class Poses(Case):
                 ("", ["--pose-format", "rpy"], ("the file is empty",)),
                 ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--unit", "inch"], ("--unit", "mm")),
                 ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--sensor", "cam"], ("--target",)),
+                ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--sensor", "cam", "--target", "board"], ("p.csv:1", "no image", "--rig")),
                 ("x,y,z\n1,2,3\n", ["--pose-format", "rpy"], ("p.csv:1", "roll", "there are x, y, z"))):
             with self.subTest(text=text, arguments=arguments):
                 self.write("p.csv", text)
