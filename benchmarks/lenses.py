@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Lenses, and scale and offset of ranges: are they as well known as the result says?
+"""Lenses, scale and offset of ranges, planes that are seen and touched: are they as well known as the result says?
 
     benchmarks/lenses.py build/release/kincal               # 30 robots of each kind
     benchmarks/lenses.py build/release/kincal --kind unified --robots 100
 
-Robots with a sensor on their flange that looks at a target beside them: a camera of each lens, a depth camera with scale and offset of its range. The truth of all that is estimated
+Robots with a sensor on their flange that looks at a target beside them: a camera of each lens, a depth camera with scale and offset of its range, and one that sees a floor which a tip touches. The truth of all that is estimated
 (lens or range, the poses of sensor and target) is drawn around the rig's values, samples are simulated, and `calibrate` frees all of it. Printed are chi2/dof and NEES/dof (e' C^-1 e
 over all that is freed, of the covariance that the result states) of all robots, with the 99 % intervals that honest ones would keep, and the rms of single numbers in their sigmas.
 """
@@ -43,7 +43,20 @@ KINDS = {  # the sensor, what is drawn how far from the rig, and how far from th
                                                                                           "sensor/sensor/distortion.p*": 0.001}, 80),
     "double_sphere": (CAMERA % ("double_sphere", "300, 302, 640, 635", "-0.2, 0.6"), {"sensor/sensor/distortion": 0.01}, 70),
     "range": ("type: point, sigma: 0.001, range_scale: 1, range_offset: 0", {"sensor/sensor/range_scale": 0.01, "sensor/sensor/range_offset": 0.01}, 25),
+    "plane": None,   # PLANE
 }
+
+
+PLANE = """format: kincal/1
+robot: {base: base, flange: tool0}
+targets:
+  floor: {type: plane, mount: {link: base, pose: {xyz: [0.5, 0, 0.1], rpy: [0.05, -0.1, 0.3]}}}
+sensors:
+  depth: {type: surface, sigma: 0.001, link: tool0, pose: {xyz: [0.02, -0.03, 0.06], rpy: [0.2, -0.1, 0.3]}}
+  tip: {type: surface, sigma: 0.0003, link: tool0, pose: {xyz: [0.01, 0.02, 0.15]}}
+estimate:
+  - {step: all, free: [sensor/depth/pose, sensor/tip/pose.x, sensor/tip/pose.y, sensor/tip/pose.z, target/floor/pose.z, target/floor/pose.rx, target/floor/pose.ry]}
+"""
 
 
 class Pose:
@@ -75,6 +88,45 @@ def postures(draws, count, widest, kind):
     return "\n".join(lines) + "\n"
 
 
+def exponential(xi):
+    """The pose of an increment: translation by the left Jacobian of its rotation."""
+    t, w = np.array(xi[:3]), np.array(xi[3:])
+    angle = np.linalg.norm(w)
+    cross = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    a, b = ((1 - np.cos(angle)) / angle ** 2, (angle - np.sin(angle)) / angle ** 3) if angle > 1e-9 else (0.5, 1 / 6)
+    return Pose(Rotation.from_rotvec(w), (np.eye(3) + a * cross + b * cross @ cross) @ t)
+
+
+def plane_samples(draws, count):
+    """Half of the samples see the floor, half touch it; and the truth, as increments."""
+    names = {"sensor/depth/pose": [0, 1, 2, 3, 4, 5], "sensor/tip/pose": [0, 1, 2], "target/floor/pose": [2, 3, 4]}
+    given = {"sensor/depth/pose": SENSOR, "sensor/tip/pose": Pose(Rotation.identity(), [0.01, 0.02, 0.15]),
+             "target/floor/pose": Pose(Rotation.from_euler("xyz", [0.05, -0.1, 0.3]), [0.5, 0, 0.1])}
+    truth, at = {}, {}
+    for name, components in names.items():
+        truth[name] = [0.004 * draws.normal() if c in components else 0.0 for c in range(6)]
+        at[name] = given[name] * exponential(truth[name])
+    depth, tip, floor = (at[name] for name in names)
+    lines = []
+    for k in range(count):
+        turn = Rotation.from_euler("x", np.pi) * Rotation.from_euler("zxy", [draws.uniform(0, 2 * np.pi), *(0.35 * draws.normal(size=2))])   # the flange looks down
+        place = floor.t + floor.r.apply([*draws.uniform(-0.4, 0.4, 2), 0])
+        normal = floor.r.apply([0, 0, 1])
+        if k % 2:
+            flange = Pose(turn, place + 0.0003 * draws.normal() * normal - turn.apply(tip.t))
+            view = {"sensor": "tip", "points": [[0, 0, 0]]}
+        else:
+            flange = Pose(turn, place + normal * draws.uniform(0.4, 1.0))
+            eye, points = flange * depth, []
+            for _ in range(20):
+                ray = eye.r.apply([*(0.35 * draws.uniform(-1, 1, 2)), 1])
+                hit = eye.t + ray * (normal @ (floor.t - eye.t)) / (normal @ ray)
+                points.append(list(eye.r.inv().apply(hit - eye.t) + 0.001 * draws.normal(size=3)))
+            view = {"sensor": "depth", "points": points}
+        lines.append(json.dumps({"id": "p%02d" % k, "joints": {"flange": {"xyz": list(flange.t), "quat": list(flange.r.as_quat())}}, "views": [dict(view, target="floor")]}))
+    return "\n".join(lines) + "\n", truth
+
+
 def run(folder, *arguments):
     done = subprocess.run(arguments, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
     if done.returncode:
@@ -92,7 +144,13 @@ def numbers_of(parameters, key):
 
 
 def try_robot(folder, kincal, kind, seed, samples):
-    """chi2, dof, and the errors with their covariance."""
+    """chi2, dof, e' C^-1 e, and each number's error in its sigmas."""
+    if kind == "plane":
+        text, truth = plane_samples(np.random.default_rng(seed), samples)
+        for name, content in (("rig.yaml", PLANE), ("samples.jsonl", text)):
+            with open(os.path.join(folder, name), "w") as f:
+                f.write(content)
+        return judged(folder, kincal, "samples.jsonl", truth, "")
     sensor, spread, widest = KINDS[kind]
     if kind.startswith("brown"):   # p1 p2 and a tilt do nearly the same: one pair is held
         spread = {name: sigma for name, sigma in spread.items() if (".tau" if kind == "brown_conrady_12" else ".p") not in name}
@@ -105,17 +163,21 @@ def try_robot(folder, kincal, kind, seed, samples):
     drawn = dict(POSES, **spread, **(LENS if kind != "range" else {}))
     run(folder, kincal, "simulate", "rig.yaml", "--samples", str(samples), "--seed", str(seed), "--postures", "postures.jsonl", "--out", "sim", "--quiet",
         *[word for one in drawn.items() for word in ("--spread", "%s=%g" % one)])
-    run(folder, kincal, "calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "result", "--quiet", "--no-report")
-    with open(os.path.join(folder, "result", "result.json")) as f:
-        result = json.load(f)
     with open(os.path.join(folder, "sim", "truth.json")) as f:
         truth = json.load(f)["parameters"]
+    return judged(folder, kincal, "sim/samples.jsonl", truth, sensor.split("model: ")[-1].split(",")[0])
+
+
+def judged(folder, kincal, samples, truth, lens):
+    """Calibrates rig.yaml; `lens` as the rig calls it."""
+    run(folder, kincal, "calibrate", "rig.yaml", samples, "--out", "result", "--quiet", "--no-report")
+    with open(os.path.join(folder, "result", "result.json")) as f:
+        result = json.load(f)
     with open(os.path.join(folder, "result", "covariance.csv")) as f:
         rows = list(csv.reader(f))
     names = rows[0][-len(rows) + 1:]
     covariance = np.array([[float(x) for x in row[-len(names):]] for row in rows[1:]])
     found = numbers_of(result["parameters"], "value")
-    lens = sensor.split("model: ")[-1].split(",")[0]
     error = np.empty(len(names))
     for i, name in enumerate(names):
         parameter = next(p for p in result["parameters"] if name == p or name.startswith(p + "."))

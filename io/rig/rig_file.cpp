@@ -164,7 +164,8 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
   const TargetKeys& keys = read_keys(field, target_types(), {"type", "mount"}, {"mount_joint"});
   target.type = keys.name;
   const bool marker = target.type == "marker";
-  target.grid = target.type != "points" && !marker;
+  const bool plane = target.type == "plane";
+  target.grid = target.type != "points" && !marker && !plane;
   if (target.grid) {
     const GridLayout grid = read_layout(field, target.type);
     target.layout = grid_layout(grid);
@@ -179,6 +180,8 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
     target.y_up = true;
     field["id"].integer(0, kMostPoints);
     field["dictionary"].string();
+  } else if (plane) {
+    target.points = Eigen::Vector3d::Zero();  // it is z = 0: any point of it would do
   } else {
     target.points = matrix_of(field["points"].table(3));
     if (target.count() == 0) field["points"].fail("at least one point is expected");

@@ -11,6 +11,7 @@
 #include "../../models/rig/recording.h"
 #include "../../models/rig/targets.h"
 #include "../../models/rig/words.h"
+#include "../../models/sensors/surface.h"
 #include "../document/files.h"
 #include "../document/json.h"
 #include "../document/kinds.h"
@@ -133,6 +134,7 @@ std::vector<int> read_ids(const Field& view, const Field& payload, const Target&
                           int count) {
   const int all = target.count();
   if (count == 0) payload.fail("at least one point is expected");
+  if (target.type == "plane") return std::vector<int>(count, 0);  // which of its points is unknown
   std::vector<int> ids;
   ids.reserve(static_cast<size_t>(count));
   if (!view.has("ids")) {
@@ -219,6 +221,9 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   view.target = read_name(field["target"], look.targets, rig.targets, "target");
   const Sensor& sensor = rig.sensors[view.sensor];
   const Target& target = rig.targets[view.target];
+  if (sees_surfaces(*sensor.model) != (target.type == "plane"))
+    field.fail("sensors of type surface, and no others, see planes; '" + sensor.name + "' is a " +
+               sensor.type + ", '" + target.name + "' a " + target.type);
   const std::string payload = payload_of(sensor);
   check_payload(field, sensor.type, payload);
   if (sensor.model->measures_pose()) {

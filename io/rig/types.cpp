@@ -1,6 +1,7 @@
 #include "types.h"
 
 #include "../../models/sensors/sensors.h"
+#include "../../models/sensors/surface.h"
 #include "../document/names.h"
 
 namespace kincal {
@@ -18,47 +19,44 @@ const std::vector<TargetKeys>& target_types() {
        {"warp", "first_id"},
        "tag"},
       {"marker", {"dictionary", "id", "size"}, {}, ""},
-      {"points", {"points"}, {}, ""}};
+      {"points", {"points"}, {}, ""},
+      {"plane", {}, {}, ""}};
   return types;
 }
 
 const std::vector<SensorKeys>& sensor_types() {
-  static const std::vector<SensorKeys> types = {{"camera",
-                                                 {"model", "intrinsics", "sigma"},
-                                                 {"image_size", "distortion", "baseline"},
-                                                 "pixels",
-                                                 [] { return make_camera(Lens::pinhole, 0); },
-                                                 "0.2",
-                                                 "px"},
-                                                {"point",
-                                                 {"sigma"},
-                                                 {"range_scale", "range_offset"},
-                                                 "points",
-                                                 make_point,
-                                                 "0.0002",
-                                                 "m",
-                                                 true},
-                                                {"pose",
-                                                 {"sigma"},
-                                                 {},
-                                                 "pose",
-                                                 make_pose,
-                                                 "{translation: 0.0005, rotation: 0.001}",
-                                                 "m, rad"},
-                                                {"chain",
-                                                 {"sigma"},
-                                                 {},
-                                                 "",
-                                                 make_chain,
-                                                 "{translation: 0.0005, rotation: 0.001}",
-                                                 "m, rad; of the grip"},
-                                                {"tilting_laser",
-                                                 {"joint", "sigma"},
-                                                 {},
-                                                 "rays",
-                                                 make_tilting_laser,
-                                                 "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
-                                                 "rad, rad, m"}};
+  static const Names range = {"range_scale", "range_offset"};
+  static const std::vector<SensorKeys> types = {
+      {"camera",
+       {"model", "intrinsics", "sigma"},
+       {"image_size", "distortion", "baseline"},
+       "pixels",
+       [] { return make_camera(Lens::pinhole, 0); },
+       "0.2",
+       "px"},
+      {"point", {"sigma"}, range, "points", make_point, "0.0002", "m", true},
+      {"surface", {"sigma"}, {}, "points", make_surface, "0.001", "m"},
+      {"pose",
+       {"sigma"},
+       {},
+       "pose",
+       make_pose,
+       "{translation: 0.0005, rotation: 0.001}",
+       "m, rad"},
+      {"chain",
+       {"sigma"},
+       {},
+       "",
+       make_chain,
+       "{translation: 0.0005, rotation: 0.001}",
+       "m, rad; of the grip"},
+      {"tilting_laser",
+       {"joint", "sigma"},
+       {},
+       "rays",
+       make_tilting_laser,
+       "{joint: 0.0005, bearing: 0.0005, range: 0.005}",
+       "rad, rad, m"}};
   return types;
 }
 

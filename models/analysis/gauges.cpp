@@ -13,10 +13,10 @@
 namespace kincal {
 namespace {
 
-/// What sees and what is seen, and whether that is a point.
+/// What sees and what is seen, and whether that is a point or a plane.
 struct SeenPair {
   Frame sensor, target;
-  bool point = false;
+  bool point = false, plane = false;
 };
 
 /// A pair for each two bodies (of a free target: two sensors that see it).
@@ -29,13 +29,14 @@ std::vector<SeenPair> seen_pairs(const Recording& recording) {
     for (const View& v : recording.samples[i].views) {
       const Frame sensor = {"", rig.sensors[v.sensor].link, table.sensor_pose[v.sensor]};
       const Target& target = rig.targets[v.target];
-      SeenPair pair = {sensor, {"", target.link, table.target_pose[v.target]}, false};
+      SeenPair pair = {sensor, {"", target.link, table.target_pose[v.target]}};
       if (target.link < 0) {
         const auto first = free_seen.insert({v.target, sensor});
         if (first.second) continue;
         pair.target = first.first->second;
       } else {
-        pair.point = target.count() == 1 &&
+        pair.plane = target.type == "plane";
+        pair.point = !pair.plane && target.count() == 1 &&
                      rig.sensors[v.sensor].model->measurement_kind() != MeasurementKind::pose;
       }
       out.insert({{pair.sensor.pose, pair.target.pose}, pair});
@@ -70,18 +71,22 @@ MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
   for (const Readings& readings : random_postures(rig, kPostures, kSeed))
     for (const SeenPair& pair : pairs) {
       MatrixXd apart = MatrixXd::Zero(6, n);
-      Vector3d seen = Vector3d::Zero();
+      Pose at;
       for (const auto& [frame, sign] :
            {std::pair(pair.sensor, -1.0), std::pair(pair.target, 1.0)}) {
         MatrixXd moved =
             frame_derivative(rig, table, shared, unknowns, frame, readings).by_unknowns;
-        seen = base_T_frame(rig, table, shared, frame, readings).translation;
-        moved.topRows<3>() += skew(seen) * moved.bottomRows<3>();  // of the point at the base
+        at = base_T_frame(rig, table, shared, frame, readings);
+        moved.topRows<3>() += skew(at.translation) * moved.bottomRows<3>();  // of the base's point
         apart += sign * moved;
       }
-      if (pair.point) {
-        apart.topRows<3>() -= skew(seen) * apart.bottomRows<3>();  // of the point that is seen
-        apart.bottomRows<3>().setZero();
+      if (pair.point || pair.plane)  // of the point that is seen
+        apart.topRows<3>() -= skew(at.translation) * apart.bottomRows<3>();
+      if (pair.point) apart.bottomRows<3>().setZero();
+      if (pair.plane) {  // along its normal, and about what lies in it
+        const Matrix3d along = at.rotation.col(2) * at.rotation.col(2).transpose();
+        apart.topRows<3>() = (along * apart.topRows<3>()).eval();
+        apart.bottomRows<3>() -= (along * apart.bottomRows<3>()).eval();
       }
       out += apart.transpose() * apart;
     }

@@ -13,6 +13,7 @@
 #include "../rig/scales.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
+#include "../sensors/surface.h"
 
 namespace kincal {
 bool is_pair(const Rig& rig, int a, int b) {
@@ -157,7 +158,7 @@ void GroupMaker::make_mounts() {
   for (const Sample* sample : samples_)
     for (const View& v : sample->views) {
       const SensorModel& model = *rig_.sensors[v.sensor].model;
-      if (model.measurement_kind() == MeasurementKind::points)
+      if (model.measurement_kind() == MeasurementKind::points || sees_surfaces(model))
         for (size_t k = 0; k + 3 <= v.z.size(); k += 3)
           measured[v.sensor].add(Eigen::Map<const Vector3d>(&v.z[k]),
                                  v.covariance.empty()
@@ -184,7 +185,10 @@ void GroupMaker::make_mounts() {
     if (table_.target_pose[t] >= 0 && used_[table_.target_mount[t]])
       merge(out_.mounts, {whole(table_, table_.target_mount[t])});
   for (size_t t = 0; t < rig_.targets.size(); ++t)
-    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] && !turned[t])
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] &&
+        rig_.targets[t].type == "plane")
+      out_.pointing.push_back({table_.target_mount[t], {0, 1, 5}});  // these move it in itself
+    else if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]] && !turned[t])
       fix_rotations(table_.target_mount[t], table_.target_pose[t], seen[t]);
 }
 

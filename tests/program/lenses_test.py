@@ -1,7 +1,7 @@
 """Lenses and ranges from samples to the truth: python3 lenses_test.py SOURCE_DIR KINCAL [TEST ...]
 
 Proves: `simulate` -> `calibrate` gives the truth within the stated covariance (e' C^-1 e of four robots in its 99.9 % interval) for the unified and the double sphere camera, Brown-Conrady
-of 12 and 14 numbers, and a depth camera with scale and offset of its range; the page and `show` name their numbers; the automatic path estimates a range that the rig states. Not
+of 12 and 14 numbers, a depth camera with scale and offset of its range, and a floor that one sees and a tip touches; the page and `show` name their numbers; the automatic path estimates a range that the rig states. Not
 proved: real sensors. Thirty robots of each are in benchmarks/lenses.py, whose robots these are.
 """
 import importlib.util
@@ -58,6 +58,21 @@ class Truth(helpers.Folder):
     def test_double_sphere(self):
         folder = self.near("double_sphere")
         self.assertIn("sensor/sensor/distortion.alpha", self.run_kincal("show", os.path.join(folder, "result")))
+
+    def test_plane(self):
+        """By steps, and on the automatic path, which holds what moves a plane in itself; wrong pairs of sensors and targets are refused."""
+        folder = self.near("plane")
+        text = self.read(folder, "rig.yaml")
+        self.write(os.path.join(folder, "free.yaml"), text.split("estimate:")[0])
+        self.run_kincal("calibrate", os.path.join(folder, "free.yaml"), os.path.join(folder, "samples.jsonl"), "--out", self.path("auto"), "--no-report")
+        result = json.loads(self.read("auto", "result.json"))
+        self.assertEqual(result["status"], "converged")
+        floor = result["parameters"]["target/floor/pose"]
+        self.assertEqual([sigma > 0 for sigma in floor["sigma"]], [False, False, True, True, True, False])
+        self.write("wrong.yaml", text.replace("tip: {type: surface", "tip: {type: point"))
+        run = subprocess.run([KINCAL, "calibrate", "wrong.yaml", os.path.join(folder, "samples.jsonl"), "--out", "x"], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("'tip' is a point, 'floor' a plane", run.stderr)
 
     def test_range(self):
         """By steps, and on the automatic path, where the rig states it; the result's rig has what was found."""

@@ -11,7 +11,9 @@
 #include <catch2/catch.hpp>
 #include <functional>
 
+#include "../../../models/sensors/check_jacobian.h"
 #include "../../../models/sensors/sensors.h"
+#include "../../../models/sensors/surface.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
@@ -587,6 +589,35 @@ TEST_CASE("point with a range: value, derivatives, the sensor's origin") {
   s.parameters = {1.02, 0};
   REQUIRE(s.model->evaluate(s.input(), Columns(), r.data(), nullptr));
   CHECK(r == -Eigen::Map<const VectorXd>(s.z.data(), 3));
+}
+
+TEST_CASE("surface: value and derivatives") {
+  Random random(26);
+  const std::shared_ptr<const SensorModel> model = make_surface();
+  CHECK((model->rows() == 1 && model->measurement_size() == 3 && model->sigmas() == 1 &&
+         sees_surfaces(*model) && !sees_surfaces(*make_point())));
+  for (int trial = 0; trial < 20; ++trial) {
+    const Pose pose = random.pose(1.5, 3);
+    Eigen::Matrix3Xd origin = Vector3d::Zero();
+    if (trial % 2) origin << 0.3, -0.2, 0;  // any point of the plane does
+    const std::vector<int> ids = {0, 0, 0, 0};
+    std::vector<double> z;
+    for (int i = 0; i < 12; ++i) z.push_back(random.uniform(-1, 1));
+    ViewInput in;
+    in.sensor_T_target = pose;
+    in.points = &origin;
+    in.ids = ids.data();
+    in.count = 4;
+    in.z = z.data();
+    VectorXd r(4);
+    REQUIRE(model->evaluate(in, Columns(), r.data(), nullptr));
+    for (int i = 0; i < 4; ++i) {
+      const Vector3d in_plane =
+          isometry(pose).inverse() * Vector3d(z[3 * i], z[3 * i + 1], z[3 * i + 2]);
+      CHECK(std::abs(r(i) + in_plane.z()) < 1e-14);
+    }
+    CHECK(check_jacobian(*model, in) < 1e-8);
+  }
 }
 
 TEST_CASE(
