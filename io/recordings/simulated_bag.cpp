@@ -296,7 +296,7 @@ RecordedBag render_bag(const RigFile& rig, const std::string& samples, const std
     if (sensor.image_width < 1)
       throw InputError("--bag: camera '" + sensor.name + "' has no image_size in the rig");
     prepare_camera(studio, index);
-    cameras.push_back({index, -1, -1, camera_numbers(rig, studio.table, index)});
+    cameras.push_back({index, -1, -1, camera_numbers(rig.rig, studio.table, index)});
   }
   if (options.sweep.seconds > 0 && lasers.empty())
     throw InputError("--sweeps: the rig has no tilting laser");
