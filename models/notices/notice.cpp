@@ -40,7 +40,7 @@ const std::vector<Row>& rows() {
       {NK::swapped_cameras, "swapped-cameras", Severity::doubt, kMistake, kOfImages},
       {NK::rectified, "rectified", Severity::doubt, kMistake},
       {NK::same_samples, "duplicates", Severity::doubt, kTested},
-      {NK::disconnected, "disconnected", Severity::doubt, kMistake},
+      {NK::disconnected, "disconnected", Severity::doubt, kTested},  // a lack, no bad fit
       {NK::bad_samples, "bad-samples", Severity::doubt, kMistake},
       {NK::exchanged_axes, "exchanged-axes", Severity::doubt, kMistake, kOfImages},
       {NK::resolution, "resolution", Severity::doubt, kMistake, kOfImages},
