@@ -6,7 +6,7 @@
 
 Robots with a sensor on their flange that looks at a target beside them: a camera of each lens, a depth camera with scale and offset of its range, and one that sees a floor which a tip touches. The truth of all that is estimated
 (lens or range, the poses of sensor and target) is drawn around the rig's values, samples are simulated, and `calibrate` frees all of it. Printed are chi2/dof and NEES/dof (e' C^-1 e
-over all that is freed, of the covariance that the result states) of all robots, with the 99 % intervals that honest ones would keep, and the rms of single numbers in their sigmas.
+over all that is freed, of the covariance that the result states) of all robots, with the 99 % intervals that honest ones would keep, and the rms of single parameters in their sigmas.
 """
 import argparse
 import csv
@@ -36,7 +36,7 @@ POSES = {"sensor/sensor/pose": 0.004, "target/target/pose": 0.004}
 LENS = {"sensor/sensor/intrinsics": 4.0}
 BROWN = "-0.2, 0.05, 0.001, -0.001, -0.005, 0, 0, 0"
 BENT = {"sensor/sensor/distortion.%s" % k: 0.004 for k in ("k1", "k2", "k3", "p*", "s*", "tau*")}
-KINDS = {  # the sensor, what is drawn how far from the rig, and how far from the axis it is pointed (degrees)
+KINDS = {  # the sensor, which parameters are drawn how far from the rig, and how far from the axis it is pointed (degrees)
     "brown_conrady_12": (CAMERA % ("brown_conrady", "700, 705, 640, 635", BROWN + ", 0.002, -0.001, 0.001, 0.002"), BENT, 32),
     "brown_conrady_14": (CAMERA % ("brown_conrady", "700, 705, 640, 635", BROWN + ", 0.002, -0.001, 0.001, 0.002, 0.02, -0.03"), BENT, 32),
     "unified": (CAMERA % ("unified", "760, 764, 640, 635", "1.4, -0.05, 0.01, 0.001, -0.001"), {"sensor/sensor/distortion.xi": 0.05, "sensor/sensor/distortion.k*": 0.001,

@@ -208,7 +208,7 @@ int import_pairs(const ImportArguments& a, bool hand_eye) {
   return kConverged;
 }
 
-/// A table of what was measured, or a data set of ATOM, as samples of a rig.
+/// A table of measurements, or a data set of ATOM, as samples of a rig.
 int import_measured(const ImportArguments& a, bool atom) {
   const RigFile rig = read_rig(a.rig);
   Notes notes;
@@ -377,7 +377,7 @@ void add_table_options(CLI::App& command, ImportArguments& a) {
       .add_option("--target-format", a.target_format,
                   "the format of the measured poses, where it is another than --pose-format")
       ->type_name("FORMAT");
-  command.add_option("--target-unit", a.target_unit, "m or mm, of what was measured");
+  command.add_option("--target-unit", a.target_unit, "m or mm, of the measurements");
   command
       .add_option("--map", a.map,
                   "of tables: a column that is called differently than its joint (or than x, y, "

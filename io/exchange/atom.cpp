@@ -75,7 +75,7 @@ Json joints_of(const Field& collection, const Rig& rig) {
   return out;
 }
 
-/// What one camera saw of one pattern; null: nothing, or it is no camera's.
+/// What one camera saw of one pattern; null: nothing, or the label is not of a camera.
 Json view_of(const Field& label, const std::string& sensor, const std::string& target) {
   if (!label.has("detected") || !label["detected"].boolean() || !label.has("idxs")) return {};
   const Field corners = label["idxs"];

@@ -162,7 +162,7 @@ bool is_table(const std::string& path) {
   std::vector<Table> tables;
   try {
     tables = read_tables(path);
-  } catch (const InputError&) {  // what is wrong with it, its reader says
+  } catch (const InputError&) {  // its reader names the mistake
     return ending == ".csv" || ending == ".tsv";
   }
   if (!has_number_lists(read_file(path), path)) return true;

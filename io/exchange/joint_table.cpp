@@ -92,7 +92,7 @@ JointRow row_of_cells(const Table& table, const TableRow& cells,
 JointRow row_of_json(const std::string& line, const std::vector<std::string>& joints,
                      const std::string& path, int number) {
   const std::string where = path + ":" + std::to_string(number);
-  parse_json(line, path, number);  // says what is there twice
+  parse_json(line, path, number);  // refuses a key that is there twice
   const auto json = nlohmann::json::parse(line, nullptr, false);
   if (!json.is_object() || !json.contains("joints") || !json["joints"].is_object())
     throw InputError(where + ": {\"image\" or \"time\", \"joints\": {...}} is expected");

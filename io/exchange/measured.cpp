@@ -65,7 +65,7 @@ std::vector<FlangePose> measured_poses(const Table& table, const MeasuredWords& 
     if (words.measured.format.empty() && format.turn == PoseFormat::Turn::angles) break;
     return poses_of_columns(table, format, pose_unit(words.measured.unit), columns);
   }
-  if (!words.measured.format.empty()) pose_format(words.measured.format);  // says what is valid
+  if (!words.measured.format.empty()) pose_format(words.measured.format);  // names the valid ones
   throw InputError(table.where + ": a `pose` sensor needs the columns of a pose" +
                    (beside_flange ? ", with a letter in front (mx, my, ...)" : "") +
                    ", in one of the formats (--target-format): " + comma_separated(names) +
@@ -102,7 +102,7 @@ Json view_of(const Measured& m, const TableRow& row, size_t i, const std::string
   return view;
 }
 
-/// Looks up the columns of what a sensor measured. @throws InputError
+/// Looks up the columns of a sensor's measurements. @throws InputError
 Measured measured_columns(const Table& table, const Rig& rig, const MeasuredWords& words,
                           bool beside_flange) {
   Measured m;

@@ -25,9 +25,9 @@ struct Mount {
 };
 
 /// Returns the mounts of the sensors of these names, of no names of all sensors and mounted
-/// targets; `notes` say which are left away. Of what a joint of the robot places it is that joint;
-/// with `frames` the sensor's or target's own frame below the joint's parent. @throws InputError if
-/// there is none
+/// targets; `notes` say which are left away. A thing that a joint of the robot places has that
+/// joint; with `frames` the sensor's or target's own frame below the joint's parent. @throws
+/// InputError if there is none
 std::vector<Mount> mounts_of(const Rig& rig, const std::vector<std::string>& sensors, bool frames,
                              std::vector<std::string>& notes);
 

@@ -55,7 +55,7 @@ struct BodyPlace {
   int link = -1;            // of its name; -1: none
   bool placed = false;      // it stands where the robot has it by `joints`, on what is above
   int above = -1;           // the next body above that has a link; -1: the world
-  Pose above_T_here;        // what is between, which does not move
+  Pose above_T_here;        // the fixed path between
   Path joints;              // of the robot, from the link above; those that lead up are rigid
   std::vector<int> moving;  // those of them that move: the body's, in their order
   Pose link_T_body;         // mostly the identity

@@ -48,8 +48,8 @@ bool is_blank(char c);
 /// Reads all of [begin, end) as one finite number; false: it is none.
 bool to_number(const char* begin, const char* end, double& value);
 
-/// Reads all numbers of an attribute that is there. Another count fails, as what is no finite
-/// number.
+/// Reads all numbers of an attribute that is there. Another count fails, and so does a number
+/// that is not finite.
 std::vector<double> numbers_of(const Xml& xml, const pugi::xml_node& element, const char* attribute,
                                size_t count);
 

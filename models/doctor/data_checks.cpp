@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 
+#include "../../kinematics/floating.h"
 #include "../estimation/estimation.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -180,12 +181,11 @@ bool placed_alike(const Rig& rig, const View& view, const Sample& a, const Sampl
 /// elsewhere, where a picture was paired twice.
 void find_repeated_views(const Rig& rig, const std::vector<Sample>& samples,
                          std::vector<Notice>& out) {
-  constexpr size_t kByChance = 8;  // so many numbers are not the same by chance
   std::map<std::vector<double>, std::pair<const Sample*, const View*>> seen;
   std::vector<std::string> twice, paired, with;
   for (const Sample& s : samples)
     for (const View& v : s.views) {
-      if (v.z.size() < kByChance) continue;
+      if (v.z.size() <= kPoseAxes) continue;  // a point may be seen at one place all the time
       std::vector<double> key = {static_cast<double>(v.sensor), static_cast<double>(v.target)};
       key.insert(key.end(), v.ids.begin(), v.ids.end());
       key.insert(key.end(), v.z.begin(), v.z.end());

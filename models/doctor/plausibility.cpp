@@ -12,6 +12,7 @@
 #include "data_checks.h"
 #include "observation_index.h"
 #include "reading_mistakes.h"
+#include "trial_fits.h"
 
 namespace kincal {
 namespace {
@@ -339,7 +340,6 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
 
 /// Whether a sensor saw a mounted target move, by far more than noise.
 bool sees_motion(const Rig& rig, const std::vector<Sample>& samples) {
-  constexpr double kMotion = 20;  // sigmas
   std::map<std::pair<int, int>, const View*> first;
   for (const Sample& sample : samples)
     for (const View& v : sample.views) {
@@ -348,12 +348,12 @@ bool sees_motion(const Rig& rig, const std::vector<Sample>& samples) {
       if (before.ids != v.ids || before.z.size() != v.z.size()) continue;
       const double sigma = *std::max_element(v.sigma.begin(), v.sigma.end());
       for (size_t i = 0; i < v.z.size(); ++i)
-        if (std::abs(v.z[i] - before.z[i]) > kMotion * sigma) return true;
+        if (std::abs(v.z[i] - before.z[i]) > Thresholds::far_point * sigma) return true;
     }
   return false;
 }
 
-/// Poses of a floating joint that are the same in all samples, although what is seen moves.
+/// Poses of a floating joint that are the same in all samples, although targets move in the views.
 void check_still_poses(const Rig& rig, const std::vector<Sample>& samples,
                        std::vector<Notice>& out) {
   for (const int j : make_observation_index(rig, samples).floating) {
@@ -367,7 +367,7 @@ void check_still_poses(const Rig& rig, const std::vector<Sample>& samples,
       out.push_back(make_notice(NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
                                 "the poses of joint " + quoted(rig.tree.joints[j].name) +
                                     " are the same in all " + std::to_string(samples.size()) +
-                                    " samples, but what is seen moves",
+                                    " samples, but targets move in the views",
                                 "", "record them with each sample: what was logged is a constant"));
   }
 }

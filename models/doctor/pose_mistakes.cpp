@@ -14,8 +14,6 @@ namespace {
 
 /// No flange is further from its base than this (m); nor do poses stay nearer than the other.
 constexpr double kFarFromBase = 5, kNearBase = 0.05;
-/// Rotations that differ by rounding only.
-constexpr double kSameTurn = 1e-9;
 
 using Change = std::function<Pose(const Pose&)>;
 
@@ -46,15 +44,15 @@ Pose scalar_last(Pose pose) {
   return pose;
 }
 
-/// Of numbers that were written in one convention and read in another. Two triples give the
-/// that was read; the written one is that which programs write. Where both could be, and make
-/// different rotations, it is the one that `either` says; -1: it is not known (NaN).
+/// Of angles that were written in one convention and read in another. Two triples give the rotation
+/// that was read; the written one is that which programs write. Where both could be, it is the one
+/// that `either` says; -1: it is not known (NaN).
 Pose written_as(const AngleConvention& written, const AngleConvention& read, int either,
                 Pose pose) {
   const std::array<Vector3d, 2> numbers = read.numbers(pose.rotation);
   const Matrix3d first = written.rotation(numbers[0]), second = written.rotation(numbers[1]);
   const bool usual[2] = {written.usual(numbers[0]), written.usual(numbers[1])};
-  const bool both = usual[0] && usual[1] && !first.isApprox(second, kSameTurn);
+  const bool both = usual[0] && usual[1];
   bool take_second = usual[0] == usual[1] ? numbers[1].norm() < numbers[0].norm() : usual[1];
   if (both && either >= 0) take_second = either == 1;
   pose.rotation = take_second ? second : first;
@@ -173,7 +171,8 @@ void add_conventions(const std::function<void(const Mistake&)>& add) {
       const bool vectors = written == &vector || read == &vector,
                  sides = !vectors && (written == &z_y_z) != (read == &z_y_z);
       mistake.leaves_out = vectors;
-      for (int either = sides ? 0 : -1; either < (sides ? 2 : 0); ++either) {
+      const int from = vectors ? -1 : 0, to = vectors ? 0 : sides ? 2 : 1;
+      for (int either = from; either < to; ++either) {  // of others both make the same rotation
         mistake.undo = [=](const Pose& pose) { return written_as(*written, *read, either, pose); };
         add(mistake);
       }

@@ -339,7 +339,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     say_groups_without_effect(options.groups, report);
     left = report.solution.recording;
   }
-  if (options.estimate_noise || estimates_noise(left->rig, options)) {
+  if (options.estimate_noise || estimates_noise(given->rig, options)) {
     NoiseEstimate estimate = uncancelled(
         estimate_noise(left, calibration, options.estimate_noise ? nullptr : is_guessed));
     report.solution = std::move(estimate.solution);
@@ -406,7 +406,7 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
   FoldFit fit = options.reject ? fit_without_outliers : fit_all;
   std::shared_ptr<const Recording> folded =
       options.reject ? recording_to_fold(given, report) : solution.recording;
-  if (estimates_noise(given.rig, options)) {  // with steps: each fold estimates it by itself
+  if (estimates_noise(as_it_is, options)) {  // with steps: each fold estimates it by itself
     folded = make_recording(given);
     fit = [reject = options.reject, which = options.estimate_noise ? nullptr : is_guessed](
               const std::shared_ptr<const Recording>& of, const CalibrationOptions& how) {
