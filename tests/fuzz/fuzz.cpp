@@ -7,14 +7,18 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <stdexcept>
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
 #include "../../io/exchange/dh.h"
+#include "../../io/exchange/guess.h"
+#include "../../io/exchange/joint_table.h"
 #include "../../io/exchange/kalibr_target.h"
 #include "../../io/exchange/pose_samples.h"
 #include "../../io/exchange/read_lens.h"
+#include "../../io/exchange/read_table.h"
 #include "../../io/exchange/robot_exports.h"
 #include "../../io/exchange/ur_kinematics.h"
 #include "../../io/exchange/write_lens.h"
@@ -158,10 +162,24 @@ void foreign(const std::string& text) {
   again([&] { return read_lens(written, {}, notes); });
 }
 
-/// A table of a flange's poses.
+/// A table of poses, in any of the kinds of files that have them: each thing that is made of one.
 void poses(const std::string& text) {
   const std::string path = in_file("poses.csv", text);
-  flange_lines(read_flange_poses(path, pose_format("kuka"), 0), "", "");
+  const std::vector<std::function<void()>> all = {
+      [&] { guess_text({path}); },
+      [&] { flange_lines(read_flange_poses(path, pose_format("kuka"), 0), "", ""); },
+      [&] { flange_lines(read_poses({path}, {}, "--pose-format"), "", ""); },
+      [&] {
+        std::string note;
+        hand_eye_files(path, pairs_of(read_tables(path), {"rotvec", ""}, {}, note), true);
+      },
+      [&] {
+        read_joint_table(path, usual_rig().rig, {{{"a", "x"}}, true});
+      }};
+  for (const auto& one : all) try {
+      one();
+    } catch (const InputError&) {  // of others it may be one
+    }
 }
 
 /// A rig, a line ---, samples.
