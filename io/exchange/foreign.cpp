@@ -94,7 +94,9 @@ Node read_any_tree(const std::string& path) {
   if (begin == std::string::npos) throw InputError(path + ": the file is empty");
   if (text[begin] != '<')
     if (std::optional<Node> cameras = camera_text(text, path)) return *cameras;
-  if (text[begin] == '[' || text[begin] == '{') return parse_json(text, path);
+  const size_t quote = text.find_first_of("'\"", begin);  // a dictionary of Python has ', as YAML
+  const bool python = text[begin] == '{' && quote != std::string::npos && text[quote] == '\'';
+  if (text[begin] == '[' || (text[begin] == '{' && !python)) return parse_json(text, path);
   if (text[begin] != '<') return foreign_yaml(text, path);
   Xml xml{text, path};
   const pugi::xml_node top = load_document(xml);

@@ -27,11 +27,14 @@ std::string beyond_offset(const RobotNumbers& robot, size_t j) {
   return out;
 }
 
-/// Byte of a place in a text; lines and columns count from 1.
-size_t byte_of(const std::string& text, int line, int column) {
+/// First byte and length of a number in a text of JSON. The node has its place, or that of its key
+/// where the number stands on another line.
+std::pair<size_t, size_t> bytes_of(const std::string& text, const Node& number) {
   size_t at = 0;
-  for (int l = 1; l < line; ++l) at = text.find('\n', at) + 1;
-  return at + static_cast<size_t>(column) - 1;
+  for (int l = 1; l < number.line; ++l) at = text.find('\n', at) + 1;
+  at += static_cast<size_t>(number.column) - 1;
+  if (text[at] == '"') at = text.find_first_not_of(" \t\r\n:", text.find('"', at + 1) + 1);
+  return {at, std::min(text.find_first_of(" \t\r\n,]}", at), text.size()) - at};
 }
 
 }  // namespace
@@ -117,7 +120,7 @@ std::string lerobot_text(const RobotNumbers& robot, const std::string& from,
   const std::string text = read_file(from);
   const Node node = parse_json(text, from);
   const Field all = top(node, from);
-  std::vector<std::pair<size_t, std::pair<size_t, std::string>>> places;  // byte: length, new text
+  std::vector<std::pair<std::pair<size_t, size_t>, std::string>> places;  // byte, length: new text
   Names known, left;
   for (const auto& [name, ignored] : all.members()) {
     const Field motor = all[name];
@@ -141,9 +144,7 @@ std::string lerobot_text(const RobotNumbers& robot, const std::string& from,
       motor["homing_offset"].fail("would be " + std::to_string(shall) +
                                   ", and these motors have +-" + std::to_string(farthest) +
                                   ": put the horn on anew");
-    const Node& place = *motor["homing_offset"].node;
-    places.push_back(
-        {byte_of(text, place.line, place.column), {place.text.size(), std::to_string(shall)}});
+    places.push_back({bytes_of(text, *motor["homing_offset"].node), std::to_string(shall)});
   }
   if (left.size() == known.size())
     throw InputError(from + ": no motor is called as a joint of the robot with a reading: " +
@@ -159,9 +160,9 @@ std::string lerobot_text(const RobotNumbers& robot, const std::string& from,
   std::sort(places.begin(), places.end());
   std::string out;
   size_t at = 0;
-  for (const auto& [begin, what] : places) {
-    out.append(text, at, begin - at).append(what.second);
-    at = begin + what.first;
+  for (const auto& [old, shall] : places) {
+    out.append(text, at, old.first - at).append(shall);
+    at = old.first + old.second;
   }
   return out.append(text, at, std::string::npos);
 }

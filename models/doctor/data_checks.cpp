@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <set>
+#include <tuple>
 
 #include "../../kinematics/floating.h"
 #include "../estimation/estimation.h"
@@ -181,21 +182,23 @@ bool placed_alike(const Rig& rig, const View& view, const Sample& a, const Sampl
 /// elsewhere, where a picture was paired twice.
 void find_repeated_views(const Rig& rig, const std::vector<Sample>& samples,
                          std::vector<Notice>& out) {
-  std::map<std::vector<double>, std::pair<const Sample*, const View*>> seen;
+  using Numbers = std::tuple<int, int, const std::vector<int>&, const std::vector<double>&>;
+  const auto less = [](const View* a, const View* b) {
+    return Numbers(a->sensor, a->target, a->ids, a->z) <
+           Numbers(b->sensor, b->target, b->ids, b->z);
+  };
+  std::map<const View*, const Sample*, decltype(less)> seen(less);
   std::vector<std::string> twice, paired, with;
   for (const Sample& s : samples)
     for (const View& v : s.views) {
       if (v.z.size() <= kPoseAxes) continue;  // a point may be seen at one place all the time
-      std::vector<double> key = {static_cast<double>(v.sensor), static_cast<double>(v.target)};
-      key.insert(key.end(), v.ids.begin(), v.ids.end());
-      key.insert(key.end(), v.z.begin(), v.z.end());
-      const auto [before, fresh] = seen.try_emplace(std::move(key), &s, &v);
+      const auto [before, fresh] = seen.try_emplace(&v, &s);
       if (fresh) continue;
-      if (before->second.first == &s) {
+      if (before->second == &s) {
         twice.push_back(s.id);
-      } else if (!placed_alike(rig, v, *before->second.first, s)) {
+      } else if (!placed_alike(rig, v, *before->second, s)) {
         paired.push_back(s.id);
-        with.push_back(before->second.first->id);
+        with.push_back(before->second->id);
       }
     }
   if (!twice.empty())

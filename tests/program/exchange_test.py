@@ -689,7 +689,7 @@ cam1:
             keys, said = self.printed("m.cameramodel", mrcal % ("OPENCV%d" % count, "".join("%g, " % v for v in d), "0"))
             self.assertEqual((keys["model"], keys["distortion"]), ("brown_conrady", [round(v, 9) for v in d] + [0] * (count == 4)))
             self.assertNotIn("extrinsics", said)
-        keys, said = self.printed("m.cameramodel", mrcal % ("PINHOLE", "", "1"))
+        keys, said = self.printed("m.cameramodel", mrcal.split("\n", 1)[1] % ("PINHOLE", "", "1"))  # and without a line before it
         self.assertEqual(keys, {"model": "pinhole", "image_size": [640, 480], "intrinsics": [600, 601, 320, 240]})
         self.assertIn("extrinsics", said)
         self.write("m.cameramodel", mrcal % ("SPLINED_STEREOGRAPHIC_order=3", "1, ", "0"))

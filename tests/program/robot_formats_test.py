@@ -313,6 +313,8 @@ class LeRobot(Case):
                 offset = result["joint/%s/offset" % name]["value"]
                 offset = math.degrees(offset[0] if isinstance(offset, list) else offset)
                 self.assertLess(abs(moved - offset), 180 / 4096 + 0.001 * abs(offset))
+        self.write("lines.json", self.read("arm.json").replace('"homing_offset": ', '"homing_offset":\n   ').replace("-200", "-2e2"))  # another writer's
+        self.assertEqual(json.loads(self.good("export", "result", "--as", "lerobot", "--from", "lines.json", "--motors", motors).stdout), after)
         self.write("arm.json", self.read("arm.json").replace('"drive_mode": 0', '"drive_mode": 1'))
         turned = json.loads(self.good("export", "result", "--as", "lerobot", "--from", "arm.json").stdout)
         self.assertEqual(turned, {name: {**motor, "drive_mode": 1} for name, motor in after.items()})  # as dynamixel, the other way
