@@ -18,7 +18,7 @@ struct SettlingArguments {
 };
 
 struct BagArguments {
-  std::vector<std::string> bags;
+  std::vector<std::string> bags, tables;  // tables: of joint readings beside them
   std::string rig, out;
   bool list = false, force = false, quiet = false;
   SettlingArguments settling;

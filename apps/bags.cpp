@@ -1,6 +1,7 @@
-// The program kincal-bags, which `kincal import` becomes where its file is a bag: from recordings
-// to samples.
+// The program kincal-bags, which `kincal import` becomes where a file is a bag: from recordings,
+// and tables of joint readings beside them, to samples.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <exception>
@@ -11,10 +12,14 @@
 #include "../io/document/error.h"
 #include "../io/document/files.h"
 #include "../io/document/names.h"
+#include "../io/exchange/guess.h"
+#include "../io/exchange/joint_table.h"
 #include "../io/recordings/bag.h"
+#include "../io/recordings/bag_files.h"
 #include "../io/recordings/bytes.h"
 #include "../io/recordings/import.h"
 #include "../io/recordings/message.h"
+#include "../io/recordings/record_command.h"
 #include "../io/recordings/robot_measurement.h"
 #include "../io/recordings/streams.h"
 #include "../io/recordings/topics.h"
@@ -125,10 +130,45 @@ void say_notes(const std::vector<std::string>& notes) {
   for (const std::string& note : notes) std::cerr << "kincal: warning: " << note << "\n";
 }
 
+/// Takes the readings of joints from a table beside the bags; what bags have of them is left out.
+void take_readings(const std::string& path, const RigFile& rig, RecordedStreams& streams) {
+  std::map<std::string, std::map<double, double>> readings;  // by joint and time, s
+  for (const JointRow& row : read_joint_table(path, rig.rig, {}).rows) {
+    if (!row.time)
+      throw InputError(row.where +
+                       ": beside a recording a column `time` is expected, in seconds as the "
+                       "stamps of the images are (since 1970)");
+    const double ns = std::abs(*row.time) > 1e15 ? 1 : 1e9;  // as ROS writes stamps, or s
+    const double time = (*row.time - static_cast<double>(streams.origin) / ns) * ns * 1e-9;
+    for (const auto& [joint, value] : row.joints) readings[joint].emplace(time, value);
+  }
+  const std::string prefix = given_joint_prefix(rig);
+  for (const auto& [joint, by_time] : readings) {
+    const std::string name = prefix + joint;
+    auto& all = streams.joints;
+    all.erase(std::remove_if(all.begin(), all.end(),
+                             [&](const JointStream& s) { return s.joint == name; }),
+              all.end());
+    JointStream stream{path, name, {}};
+    for (const auto& [time, value] : by_time) {
+      stream.readings.times.push_back(time);
+      stream.readings.values.push_back(value);
+    }
+    all.push_back(std::move(stream));
+  }
+}
+
+/// What bags have, and the tables beside them.
+RecordedStreams read_all(const BagArguments& a, const RigFile& rig, ProgressLine& line) {
+  RecordedStreams streams = read_streams(a.bags, line.progress().in("reading"));
+  for (const std::string& table : a.tables) take_readings(table, rig, streams);
+  return streams;
+}
+
 /// Which topic is which sensor of the rig.
 void list_topics(const BagArguments& a, ProgressLine& line) {
   const RigFile rig = read_rig(a.rig);
-  const RecordedStreams streams = read_streams(a.bags, line.progress().in("reading"));
+  const RecordedStreams streams = read_all(a, rig, line);
   line.clear();
   const TopicMap topics = find_topics(rig, streams);
   std::cout << "for " << a.rig << ":\n";
@@ -200,7 +240,7 @@ int import_all(const BagArguments& a) {
   check_output_file(a.out, a.force);
   const RigFile rig = read_rig(a.rig);
   ProgressLine line(a.quiet);
-  RecordedStreams streams = read_streams(a.bags, line.progress().in("reading"));
+  RecordedStreams streams = read_all(a, rig, line);
   if (streams.robot_measurements > 0) return import_measurements(a, rig, line);
   ImportOptions options;
   const SettlingArguments& settling = a.settling;
@@ -244,7 +284,14 @@ int main(int argc, char** argv) try {
   CLI::App app("kincal-bags reads recordings of ROS and writes them as samples.", "kincal import");
   BagArguments a;
   add_bag_options(app, a);
-  return run_program(app, argc, argv, [&a] { return a.list ? list_all(a) : import_all(a); });
+  return run_program(app, argc, argv, [&a] {
+    const auto is_beside = [](const std::string& f) { return !is_bag(f) && is_table(f); };
+    const auto tables = std::stable_partition(a.bags.begin(), a.bags.end(),
+                                              [&](const std::string& f) { return !is_beside(f); });
+    a.tables.assign(tables, a.bags.end());
+    a.bags.erase(tables, a.bags.end());
+    return a.list ? list_all(a) : import_all(a);
+  });
 } catch (const std::exception& error) {  // before the work began; what that throws is said there
   std::fprintf(stderr, "kincal: error: %s\n", error.what());
   return kincal::kBadInput;

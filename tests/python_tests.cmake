@@ -62,7 +62,7 @@ kincal_python_test(bags.Program bags_test.py cli 300 ${kincal_program} Bags)
 kincal_python_test(bags.Others bags_test.py cli 300 ${kincal_program} Others)
 kincal_python_test(bags.Data bags_test.py data 300 ${kincal_program} Data)
 
-foreach(group Kinds Sweeps Killed)
+foreach(group Kinds Clocks Sweeps Killed)
   kincal_python_test(bag_kinds.${group} bag_kinds_test.py cli 900 ${kincal_program} ${group})
 endforeach()
 foreach(group Arm Pr2 Said)

@@ -1,4 +1,5 @@
 // `kincal import`: files of other programs as kincal's.
+#include <algorithm>
 #include <filesystem>
 #include <iostream>
 
@@ -242,7 +243,7 @@ int import_measured(const ImportArguments& a, bool atom) {
   others = others || !a.map.empty() || !a.target_poses.empty();
   if (others)
     throw InputError(
-        a.files[0] +
+        *std::find_if(a.files.begin(), a.files.end(), is_bag) +
         " is a recording: only --rig, --out, --list, --force, --quiet and the options of "
         "settling go with it");
   arguments.erase(arguments.begin() + 1, arguments.end());
@@ -296,7 +297,7 @@ void refuse_broken_bag(const std::string& path) {
 int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   if (a.record_command) return print_record_command(a);
   a.rig = rig_path(a.rig);
-  if (is_bag(a.files[0])) {
+  if (std::any_of(a.files.begin(), a.files.end(), is_bag)) {
     if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
     import_bags(a, arguments);
   }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "../../models/rig/parameters.h"
@@ -323,9 +324,19 @@ std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info,
 
 CameraTopics find_camera_topics(const RigFile& rig, const RecordedStreams& streams) {
   CameraTopics out;
+  std::set<std::string> videos;
   out.images.assign(rig.rig.sensors.size(), -1);
   out.infos.assign(rig.rig.sensors.size(), -1);
   CameraFinder{rig, streams, out}.find();
+  for (size_t s = 0; s < rig.rig.sensors.size(); ++s)
+    if (rig.rig.sensors[s].type == "camera" && out.images[s] < 0)
+      for (const auto& [topic, what] : streams.videos)
+        videos.insert(
+            topic + " is compressed video (" + what +
+            "), which is not read: most of its pictures are only what changed since the "
+            "one before. Record raw, PNG or JPEG images; or make pictures of the video at "
+            "rests (ffmpeg) and search them with `kincal detect`");
+  out.notes.insert(out.notes.end(), videos.begin(), videos.end());
   return out;
 }
 

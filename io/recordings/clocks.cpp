@@ -7,8 +7,6 @@
 namespace kincal {
 namespace {
 
-constexpr double kNoFit = 100;  // chi2/dof that no noise explains
-
 std::vector<WaySighting> on_ways(const Rig& rig, const RestSamples& samples,
                                  const std::vector<Sighting>& sightings, int sensor) {
   std::map<int, int> sample_of_rest;
@@ -46,13 +44,12 @@ std::string calibrate_rests(Rig rig, const std::vector<Sample>& samples, bool au
 }
 
 /// What there is to say of rests that do not fit each other.
-std::string unfit_rests(const Solution& solution) {
-  const double per_dof = solution.chi2_per_dof();
-  if (!(per_dof > kNoFit)) return "";
+std::string unfit_rests(const Clocks& clocks) {
+  if (!clocks.unfit()) return "";
   return text(
-      ". The rests do not fit each other either (chi2/dof %.2g): a target was moved, or another "
-      "mistake; `kincal check` looks for it",
-      per_dof);
+      ". The rests do not fit each other either (chi2/dof %.2g): a target was moved, clocks differ "
+      "by seconds, or another mistake; `kincal check` looks for it",
+      clocks.per_dof);
 }
 
 }  // namespace
@@ -70,6 +67,7 @@ Clocks compare_clocks(const Recorded& recorded, const RestSamples& samples,
     if (without.empty()) out.without_steps = why_not;
     if (without.empty() || why_not.empty()) why_not = without;
   }
+  if (why_not.empty()) out.per_dof = solution.chi2_per_dof();
   for (int s = 0; s < static_cast<int>(recorded.topics.images.size()); ++s) {
     if (recorded.topics.images[s] < 0) continue;
     TimeOffset offset;
@@ -79,7 +77,7 @@ Clocks compare_clocks(const Recorded& recorded, const RestSamples& samples,
       OffsetInput input{*solution.recording, solution.values,
                         [&](double time) { return recorded.readings.at(time); }, open_turns};
       offset = time_offset(input, s, on_ways(rig, samples, sightings, s));
-      if (!offset.why_not.empty()) offset.why_not += unfit_rests(solution);
+      if (!offset.why_not.empty()) offset.why_not += unfit_rests(out);
     }
     out.offsets.push_back(offset);
   }

@@ -5,14 +5,21 @@
 #include <string>
 #include <vector>
 
+#include "../../models/rig/numbers.h"
 #include "rest_samples.h"
 #include "time_offset.h"
 
 namespace kincal {
 
+constexpr double kNoFit = 100;  // chi2/dof that no noise explains
+
 struct Clocks {
   std::vector<TimeOffset> offsets;  // of cameras with images
   std::string without_steps;        // why the rig's steps are not those of the calibration
+  double per_dof = kNan;            // chi2/dof of the rests; NaN: they could not be calibrated
+
+  /// True if the rests do not fit each other.
+  bool unfit() const { return per_dof > kNoFit; }
 };
 
 /// Compares them, by what cameras saw on the ways from rest to rest.

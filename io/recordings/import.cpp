@@ -8,18 +8,10 @@
 namespace kincal {
 namespace {
 
-constexpr double kMostImages = 3000, kImageRate = 5;  // of a camera, where no joints tell; Hz
+constexpr double kMoving = 0.25;  // of the rests of a view, in which it is not still
 
 bool any_stream(const std::vector<int>& by_sensor) {
   return std::any_of(by_sensor.begin(), by_sensor.end(), [](int stream) { return stream >= 0; });
-}
-
-TimeInterval recorded_time(const RecordedStreams& streams) {
-  TimeInterval all{0, streams.duration};
-  for (const ImageStream& s : streams.images)
-    for (const double t : s.times)
-      all.begin = std::min(all.begin, t), all.end = std::max(all.end, t);
-  return all;
 }
 
 /// Looks at the images of rests; where no joints say when these are, the images do.
@@ -29,11 +21,7 @@ void look(const Recorded& recorded, const TargetSearch& search, const ImportOpti
   const TimeInterval whole = found.rests.rests[0];
   LookOptions how = options.look;
   if (!by_joints || (!options.offsets && !options.apply_offsets)) how.on_way = 0;
-  if (!by_joints) {
-    how.in_rest =
-        std::max(how.in_rest, static_cast<int>(std::min(kMostImages, kImageRate * whole.length())));
-    how.all_targets = true;
-  }
+  if (!by_joints) how = look_through(whole, how);
   how.progress = options.progress.in("looking at images");
   found.looked = look_at_images(recorded, found.rests.rests, search, how);
   for (const std::string& note : search.agree(found.looked.sightings))
@@ -87,6 +75,38 @@ ImportFindings find_samples(const Recorded& recorded, const TargetSearch* search
   return found;
 }
 
+/// True if a camera's clock may be off by more than was looked for.
+bool clock_in_doubt(const ImportFindings& found, int sensor) {
+  for (const TimeOffset& one : found.clocks.offsets)
+    if (one.sensor == sensor && one.misfit) return true;
+  for (const SeenTarget& seen : found.samples.seen)
+    if (seen.sensor == sensor && seen.moving > kMoving * seen.rests) return true;
+  return found.samples.samples.empty() || found.clocks.unfit();
+}
+
+/// Looks for clocks of cameras that are further off, and moves their stamps. Returns whether any
+/// was moved.
+bool move_clocks(const Recorded& recorded, RecordedStreams& streams, const TargetSearch& search,
+                 const ImportOptions& options, ImportFindings& found) {
+  std::vector<int> doubted;
+  for (int s = 0; s < static_cast<int>(recorded.topics.images.size()); ++s)
+    if (recorded.topics.images[s] >= 0 && clock_in_doubt(found, s)) doubted.push_back(s);
+  if (doubted.empty()) return false;
+  LookOptions look = options.look;
+  look.progress = options.progress.in("comparing clocks by the motion");
+  found.cameras =
+      search_clocks(recorded, found.rests.rests, doubted, search, look, options.still_pixels);
+  bool moved = false;
+  for (const CameraClock& clock : found.cameras) {
+    if (!clock.found) continue;
+    ImageStream& stream = streams.images[recorded.topics.images[clock.sensor]];
+    for (double& time : stream.times) time -= clock.offset;
+    stream.moved -= clock.offset;
+    moved = true;
+  }
+  return moved;
+}
+
 }  // namespace
 
 RecordedSamples import_recordings(const std::vector<std::string>& bags, const RigFile& rig,
@@ -102,6 +122,16 @@ RecordedSamples import_recordings(const std::vector<std::string>& bags, const Ri
     found.rests.why_none = "it has no messages of joints, poses, images or scans";
   else
     found = find_samples(recorded, search, options);
+  if (search && options.offsets && readings.any() && found.rests.rests.size() > 1 &&
+      move_clocks(recorded, streams, *search, options, found)) {
+    const std::vector<CameraClock> cameras = std::move(found.cameras);
+    found = find_samples(recorded, search, options);
+    found.cameras = cameras;
+  }
+  for (const CameraClock& clock : found.cameras)
+    if (clock.contradicted) found.samples.samples.clear();
+  for (TimeOffset& one : found.clocks.offsets)
+    one.offset -= streams.images[topics.images[one.sensor]].moved;
   return {import_words(recorded, found), std::move(found.samples.samples),
           std::move(found.samples.images), std::move(found.clocks.offsets)};
 }

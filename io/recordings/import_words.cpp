@@ -1,6 +1,7 @@
 #include "import_words.h"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "../../models/rig/words.h"
@@ -116,8 +117,40 @@ TextLines lost_lines(const Rig& rig, const Intervals& rests, const RestSamples& 
   return lines;
 }
 
+/// What is said of cameras whose stamps were moved as the motion tells.
+TextLines moved_lines(const Recorded& recorded, const std::vector<CameraClock>& cameras) {
+  TextLines lines;
+  for (const CameraClock& one : cameras)
+    if (one.found)
+      lines.push_back(
+          recorded.rig.sensors[one.sensor].name +
+          text(": its stamps are of another clock, %.3f s %s those of the joints by the "
+               "motion: they are moved",
+               std::abs(one.offset), one.offset > 0 ? "after" : "before"));
+  return lines;
+}
+
+/// Why there are no samples where a camera's stamps contradict the motion; "": none does.
+std::string without_clock(const Rig& rig, const std::vector<CameraClock>& cameras) {
+  for (const CameraClock& one : cameras) {
+    if (!one.contradicted) continue;
+    TextLines offsets;
+    for (const double offset : one.candidates) offsets.push_back(text("%.1f", offset));
+    return "what '" + rig.sensors[one.sensor].name +
+           "' sees moves while the joints rest, and rests while they move: their stamps are of "
+           "different clocks, and by how much they are apart is not clear (with images " +
+           few_of(offsets) +
+           " s later both rest at the same times). Record with clocks that run together (chrony), "
+           "or with one recorder and its times of reception; rests of different length make it "
+           "clear too";
+  }
+  return "";
+}
+
 /// Why there are rests but no samples.
-std::string without_samples(const TopicMap& topics, const ImportFindings& found) {
+std::string without_samples(const Recorded& recorded, const ImportFindings& found) {
+  const TopicMap& topics = recorded.topics;
+  if (const std::string why = without_clock(recorded.rig, found.cameras); !why.empty()) return why;
   if (!found.samples.without_reading.empty())
     return "joint '" + found.samples.without_reading.begin()->first.second +
            "' has no readings when targets are seen";
@@ -135,6 +168,7 @@ ImportWords import_words(const Recorded& recorded, const ImportFindings& found) 
   const Rig& rig = recorded.rig;
   ImportWords out{recorded.topics.lines, recorded.topics.notes, found.rests.why_none};
   append(out.notes, recorded.readings.absences());
+  append(out.notes, moved_lines(recorded, found.cameras));
   append(out.notes, found.looked.notes);
   append(out.notes, {found.scanned.doubts.begin(), found.scanned.doubts.end()});
   if (recorded.readings.any())
@@ -159,7 +193,7 @@ ImportWords import_words(const Recorded& recorded, const ImportFindings& found) 
   if (found.samples.samples.empty()) {
     append(out.lines, lost);
     append(out.lines, moving);
-    if (!found.rests.rests.empty()) out.diagnosis = without_samples(recorded.topics, found);
+    if (!found.rests.rests.empty()) out.diagnosis = without_samples(recorded, found);
     return out;
   }
   if (!found.clocks.without_steps.empty())

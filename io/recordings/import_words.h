@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "clocks.h"
+#include "clock_search.h"
 #include "rests.h"
 
 namespace kincal {
@@ -19,7 +19,8 @@ struct ImportFindings {
   int turned = 0;                 // views of boards
   size_t alike = 0;               // postures that were left out
   Clocks clocks;
-  std::string image_folder;  // where images were written; else empty
+  std::vector<CameraClock> cameras;  // whose clocks were looked for all through the recording
+  std::string image_folder;          // where images were written; else empty
 };
 
 struct ImportWords {

@@ -60,6 +60,12 @@ std::vector<std::string> given_joint_topics(const RigFile& rig) {
                                              : std::vector<std::string>{field.string()};
 }
 
+std::string given_joint_prefix(const RigFile& rig) {
+  const Node* joints = rig.node.find("joints");
+  const Node* prefix = joints ? joints->find("prefix") : nullptr;
+  return prefix && prefix->kind != Node::Kind::mapping ? prefix->text : "";
+}
+
 RecordCommand record_command(const RigFile& rig) {
   TopicsToRecord topics;
   add_joints(rig, topics);

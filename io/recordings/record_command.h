@@ -23,5 +23,7 @@ RecordCommand record_command(const RigFile& rig);
 std::string given_topic(const RigFile& rig, const std::string& sensor);
 /// Returns the topics that the rig gives the joints.
 std::vector<std::string> given_joint_topics(const RigFile& rig);
+/// Returns what stands before the robot's names of joints in recordings, as the rig says.
+std::string given_joint_prefix(const RigFile& rig);
 
 }  // namespace kincal

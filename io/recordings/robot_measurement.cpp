@@ -73,7 +73,10 @@ struct MeasurementReader {
   std::set<std::string> notes;
   std::map<const Topic*, MessageTypes> types;
 
-  explicit MeasurementReader(const RigFile& of) : rig(of), ids(of) {}
+  std::string prefix;  // of joints
+
+  explicit MeasurementReader(const RigFile& of)
+      : rig(of), ids(of), prefix(given_joint_prefix(of)) {}
 
   /// Takes the readings of a sensor_msgs/JointState.
   void readings(const MessageValue& state, const std::string& of, Sample& sample) {
@@ -84,7 +87,8 @@ struct MeasurementReader {
                    std::to_string(positions.size()) + " positions");
     for (size_t i = 0; i < names.size(); ++i) {
       const std::string name(text_of(names[i]));
-      const int joint = rig.rig.tree.find_joint(name);
+      const bool ours = name.compare(0, prefix.size(), prefix) == 0;
+      const int joint = ours ? rig.rig.tree.find_joint(name.substr(prefix.size())) : -1;
       if (joint < 0)
         notes.insert("joint '" + name + "' of the recording is not in the robot: left out");
       else if (!std::isfinite(positions[i]))

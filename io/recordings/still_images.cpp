@@ -10,8 +10,9 @@
 namespace kincal {
 namespace {
 
-constexpr size_t kImagesAtOnce = 16;               // images in memory
-constexpr size_t kBytesAtOnce = size_t{48} << 20;  // or fewer, if they are large
+constexpr size_t kImagesAtOnce = 16;                  // images in memory
+constexpr size_t kBytesAtOnce = size_t{48} << 20;     // or fewer, if they are large
+constexpr double kMostImages = 3000, kImageRate = 5;  // of a camera, all through; Hz
 constexpr int kSearchedForAll = 2;  // images of a rest that are searched for all targets
 
 /// A Wanted image: of which camera, and when.
@@ -192,6 +193,22 @@ LookedAt look_at_images(const Recorded& recorded, const Intervals& rests,
     options.progress.share(static_cast<double>(++done), static_cast<double>(wanted.size()));
   });
   return searcher.finish();
+}
+
+TimeInterval recorded_time(const RecordedStreams& streams) {
+  TimeInterval all{0, streams.duration};
+  for (const ImageStream& s : streams.images)
+    for (const double t : s.times)
+      all.begin = std::min(all.begin, t), all.end = std::max(all.end, t);
+  return all;
+}
+
+LookOptions look_through(const TimeInterval& whole, LookOptions look) {
+  look.on_way = 0;
+  look.in_rest =
+      std::max(look.in_rest, static_cast<int>(std::min(kMostImages, kImageRate * whole.length())));
+  look.all_targets = true;
+  return look;
 }
 
 FramesOfViews frames_of_views(const std::vector<Sighting>& sightings) {

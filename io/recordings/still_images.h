@@ -81,6 +81,10 @@ struct LookedAt {
 LookedAt look_at_images(const Recorded& recorded, const Intervals& rests,
                         const TargetSearch& search, const LookOptions& options);
 
+/// Returns the time that a recording and its images take, and how to look at images all through it.
+TimeInterval recorded_time(const RecordedStreams& streams);
+LookOptions look_through(const TimeInterval& whole, LookOptions look);
+
 /// Frames of each target before each camera in each rest, by their times.
 using FramesOfRest = std::map<int, std::vector<CornerFrame>>;       // by rest
 using FramesOfViews = std::map<std::pair<int, int>, FramesOfRest>;  // by sensor and target

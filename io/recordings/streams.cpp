@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -11,26 +12,31 @@
 #include <string_view>
 #include <unordered_set>
 
+#include "../../models/rig/numbers.h"
 #include "bytes.h"
 #include "robot_measurement.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kOtherRate = 2;    // of a clock; those that drift do by less than a thousandth
-constexpr double kSetBack = 0.1;    // s; several publishers of a topic are less apart
-constexpr double kOtherClock = 60;  // s, by which the stamps of two streams differ at most
+constexpr double kOtherRate = 2;   // of a clock; those that drift do by less than a thousandth
+constexpr double kSetBack = 0.1;   // s; several publishers of a topic are less apart
+constexpr double kUnderWay = 0.4;  // s, that messages of one stream are longer than another's
+constexpr const char* kCodecs[] = {"h264", "h265", "hevc", "avc", "av1", "vp8", "vp9", "mpeg4"};
 constexpr const char* kJointState = "sensor_msgs/JointState";
 
 /// What one topic's messages have had of stamps so far.
 struct Clock {
-  std::optional<std::int64_t> under_way;  // ns, of the first message with a stamp
-  long without = 0;                       // messages whose stamp is 0
+  std::vector<double> under_way;  // s, of messages with a stamp
+  long without = 0;               // messages whose stamp is 0
   struct Time {
     std::int64_t stamp = 0, received = 0;  // ns
   } first, last;                           // messages with a stamp
   long set_back = 0;                       // times that a stamp is before the last one's
   std::int64_t largest = 0, when = 0;      // ns: by how much at most, and when received
+
+  /// True if it has stamps and was not set meanwhile: only then it differs from others by one time.
+  bool is_one() const { return !under_way.empty() && set_back == 0; }
 
   /// Returns how many times as fast as the recording's clock the stamps pass; 1 where they are few.
   double rate() const {
@@ -60,16 +66,14 @@ struct StreamReader {
       ++clock.without;
       return seconds(raw.received);
     }
-    const std::int64_t back = clock.under_way ? clock.last.stamp - stamp : 0;
+    const std::int64_t back = clock.under_way.empty() ? 0 : clock.last.stamp - stamp;
     if (static_cast<double>(back) > kSetBack * 1e9 && raw.received >= clock.last.received) {
       ++clock.set_back;
       if (back > clock.largest) clock.largest = back, clock.when = raw.received;
     }
     clock.last = {stamp, raw.received};
-    if (!clock.under_way) {
-      clock.under_way = raw.received - stamp;
-      clock.first = clock.last;
-    }
+    if (clock.under_way.empty()) clock.first = clock.last;
+    clock.under_way.push_back(static_cast<double>(raw.received - stamp) * 1e-9);
     return seconds(stamp);
   }
 
@@ -160,9 +164,27 @@ struct StreamReader {
     return !frame.empty() && frame[0] == '/' ? frame.substr(1) : frame;
   }
 
+  /// True for images that are parts of a video: none of them is a picture by itself.
+  static bool is_video_format(std::string format) {
+    std::transform(format.begin(), format.end(), format.begin(),
+                   [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+    return std::any_of(std::begin(kCodecs), std::end(kCodecs),
+                       [&](const char* codec) { return format.find(codec) != std::string::npos; });
+  }
+  static bool is_video_type(const std::string& type) {
+    return type == "foxglove_msgs/CompressedVideo" || type == "foxglove.CompressedVideo" ||
+           type == "ffmpeg_image_transport_msgs/FFMPEGPacket" ||
+           type == "theora_image_transport/Packet";
+  }
+
   void image(const BagMessage& raw, const MessageValue& value) {
     const MessageValue& header = field(value, "header");
     const bool compressed = raw.topic->type == "sensor_msgs/CompressedImage";
+    if (compressed)
+      if (const std::string format(text_of(field(value, "format"))); is_video_format(format)) {
+        out.videos.emplace(raw.topic->name, raw.topic->type + ", " + format);
+        return;
+      }
     const auto [at, is_new] = images.emplace(raw.topic->name, out.images.size());
     if (is_new) {
       ImageStream stream{raw.topic->name,
@@ -218,6 +240,7 @@ struct StreamReader {
     last = std::max(last.value_or(raw.received), raw.received);
     if (type == kJointState) return joint_states(raw, messages.read(raw));
     if (is_image_type(type)) return image(raw, messages.read(raw));
+    if (is_video_type(type)) out.videos.emplace(raw.topic->name, type);
     if (type == "sensor_msgs/CameraInfo") {
       if (!infos.count(raw.topic->name)) info(raw, messages.read(raw));
       return;
@@ -270,20 +293,24 @@ void sort_by_time(std::vector<double>& times, std::vector<Value>& values) {
 /// Says which streams have no stamps, and moves those of other clocks.
 void put_on_one_clock(StreamReader& reader) {
   RecordedStreams& out = reader.out;
-  std::optional<std::int64_t> usual;  // of the joints, else of the first
+  std::optional<double> usual;  // s, of the joints, else of the first
   for (const bool of_joints : {true, false})
     for (const auto& [topic, clock] : reader.clocks)
-      if (!usual && clock.under_way &&
+      if (!usual && clock.is_one() &&
           (!of_joints || std::any_of(out.joints.begin(), out.joints.end(),
                                      [&t = topic](const JointStream& j) { return j.topic == t; })))
-        usual = clock.under_way;
+        usual = median(clock.under_way, 0);
+  const auto timeless = [&](const std::string& topic) {
+    return std::any_of(out.poses.begin(), out.poses.end(),
+                       [&](const PoseStream& s) { return s.topic == topic && s.fixed; });
+  };
   std::map<std::string, double> moved;  // by topic, s
   for (const auto& [topic, clock] : reader.clocks) {
     if (clock.without > 0)
       out.notes.push_back(topic + ": " + std::to_string(clock.without) +
                           " messages have no stamp (0): the time at which they were received is "
                           "taken, which is later and less regular");
-    if (!clock.under_way) continue;
+    if (clock.under_way.empty() || timeless(topic)) continue;
     if (const double rate = clock.rate(); rate > kOtherRate || rate < 1 / kOtherRate) {
       char times[32];
       std::snprintf(times, sizeof times, "%.3g", rate);
@@ -292,13 +319,16 @@ void put_on_one_clock(StreamReader& reader) {
                           "(milliseconds for seconds)? They do not fit the other streams");
       continue;
     }
-    const double differs = static_cast<double>(*clock.under_way - *usual) * 1e-9;
-    if (std::abs(differs) < kOtherClock) continue;
+    if (!usual || !clock.is_one()) continue;
+    const double differs = median(clock.under_way, 0) - *usual;
+    if (std::abs(differs) < kUnderWay) continue;
     moved[topic] = differs;
-    out.notes.push_back(topic + ": its stamps are of another clock, " +
-                        std::to_string(static_cast<long long>(std::abs(differs))) +
-                        " s away from those of the joints: they are moved so that the first "
-                        "message was as long under way as theirs");
+    char away[32];
+    std::snprintf(away, sizeof away, "%.1f", std::abs(differs));
+    out.notes.push_back(topic + ": its stamps are of another clock, " + away + " s " +
+                        (differs < 0 ? "after" : "before") +
+                        " those of the joints by the times of reception: they are moved so that "
+                        "its messages were as long under way as theirs");
   }
   const auto move = [&](const std::string& topic, std::vector<double>& times) {
     const auto by = moved.find(topic);
@@ -307,7 +337,10 @@ void put_on_one_clock(StreamReader& reader) {
   };
   for (JointStream& s : out.joints) move(s.topic, s.readings.times);
   for (PoseStream& s : out.poses) move(s.topic, s.times);
-  for (ImageStream& s : out.images) move(s.topic, s.times);
+  for (ImageStream& s : out.images) {
+    move(s.topic, s.times);
+    if (const auto by = moved.find(s.topic); by != moved.end()) s.moved = by->second;
+  }
   for (ScanStream& s : out.scans) move(s.topic, s.times);
 }
 

@@ -4,8 +4,10 @@
 //
 // Times are seconds after the recording's `origin`, by the stamps in the messages' headers. A
 // message whose stamp is 0 has the time at which it was received instead. Streams whose stamps come
-// from another clock altogether (a device's time since it was switched on) are moved such that
-// their first message was as long under way as that of the joints; both is said.
+// from another clock are moved such that their messages were as long under way as those of the
+// joints, in the median; both is said. Another clock is what differs by more than messages may be
+// under way (0.4 s): what is less, and bags whose times of reception are their stamps, the motion
+// tells (time_offset.h, clock_search.h).
 #pragma once
 
 #include <cstdint>
@@ -45,6 +47,7 @@ struct ImageStream {
   std::string encoding;       // of the first: bgr8, jpeg, ...
   int width = 0, height = 0;  // of the first, 0: not known before it is decoded
   std::vector<double> times;
+  double moved = 0;  // s, by which its times are later than its stamps
 };
 
 /// A ScanStream is what one topic has of laser scans or point clouds; times likewise.
@@ -71,6 +74,7 @@ struct RecordedStreams {
   std::vector<ImageStream> images;
   std::vector<ScanStream> scans;
   std::vector<CameraInfoMessage> infos;
+  std::map<std::string, std::string> videos;  // by topic: what it has, which is not read
   std::vector<std::pair<std::string, std::string>> descriptions;  // topic, URDF
   long robot_measurements = 0;                                    // messages of robot_measurement.h
   std::vector<std::string> notes;                                 // what is strange about them

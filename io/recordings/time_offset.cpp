@@ -14,10 +14,10 @@
 namespace kincal {
 namespace {
 
-constexpr double kFarthest = 0.4, kGrid = 0.02;  // s
-constexpr double kDifference = 0.5e-3;           // s, of differences
-constexpr double kHuber = 1.5;                   // in scales
-constexpr double kInterpolation = 5e-5;          // s, see the header
+constexpr double kGrid = 0.02;           // s
+constexpr double kDifference = 0.5e-3;   // s, of differences
+constexpr double kHuber = 1.5;           // in scales
+constexpr double kInterpolation = 5e-5;  // s, see the header
 constexpr int kLeastWays = 3;
 constexpr double kLeastOfWays = 1.2;                      // as many as have an equal share
 constexpr double kLeastSpeed = 10, kLeastShare = 0.1;     // px / s; of the usual speed
@@ -243,8 +243,8 @@ double cost_of(const std::vector<double>& sizes, double scale) {
 
 std::vector<double> grid() {
   std::vector<double> out;
-  for (int i = 0; i <= static_cast<int>(2 * kFarthest / kGrid); ++i)
-    out.push_back(i * kGrid - kFarthest);
+  for (int i = 0; i <= static_cast<int>(2 * kFarthestOffset / kGrid); ++i)
+    out.push_back(i * kGrid - kFarthestOffset);
   return out;
 }
 
@@ -308,7 +308,7 @@ MeanOffset refined(const Predictor& predictor, const std::vector<WaySighting>& s
     all = one_by_one(predictor, sightings, offset);
     mean = bounded_mean(all, offset);
     const double step = mean.offset - offset;
-    offset = std::min(kFarthest, std::max(-kFarthest, mean.offset));
+    offset = std::min(kFarthestOffset, std::max(-kFarthestOffset, mean.offset));
     if (std::abs(step) < 1e-7) break;
   }
   return mean;
@@ -482,8 +482,9 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
                                 "between rests whose targets are known there";
     return out;
   }
+  out.misfit = true;  // unless one is found
   const double offset = coarse_offset(predictor, sightings);
-  if (std::abs(offset) > kFarthest - kGrid / 2) {
+  if (std::abs(offset) > kFarthestOffset - kGrid / 2) {
     out.why_not = "it is more than 0.4 s, or the readings are not of this robot";
     return out;
   }
@@ -512,10 +513,12 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
   out.ways = mean.ways;
   if (out.sigma <= kUnclear && !many_disagree(all, mean.offset)) {
     judge_clock(near_stretches(all, mean.offset), out);
+    out.misfit = false;
     return out;
   }
   judge_far_clock(predictor, sightings, all, out);
-  if (out.clock != TimeOffset::Clock::steady && out.sigma <= kClear) return out;
+  out.misfit = out.clock == TimeOffset::Clock::steady || out.sigma > kClear;
+  if (!out.misfit) return out;
   out.clock = TimeOffset::Clock::steady;
   char text[240];
   std::snprintf(text, sizeof text,

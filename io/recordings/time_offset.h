@@ -47,6 +47,8 @@
 
 namespace kincal {
 
+constexpr double kFarthestOffset = 0.4;  // s
+
 /// A WaySighting is what an image shows of a target on the way from one sample's posture to the
 /// next one's.
 struct WaySighting {
@@ -61,6 +63,7 @@ struct TimeOffset {
   double offset = 0, sigma = 0;  // s, in the middle of the recording: stamped so much later
   int images = 0, ways = 0;      // that tell
   std::string why_not;           // it is not known; else empty
+  bool misfit = false;           // then: what it saw fits no offset up to kFarthestOffset
 
   enum class Clock { steady, drifts, jumps } clock = Clock::steady;
   double drift = 0, drift_sigma = 0;               // s per s

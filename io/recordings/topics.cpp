@@ -8,6 +8,7 @@
 
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/words.h"
 #include "../document/names.h"
 #include "../urdf/urdf.h"
 #include "camera_topics.h"
@@ -18,6 +19,7 @@ namespace {
 
 constexpr double kSlowReadings = 10;                          // Hz
 constexpr double kOriginOfJoint = 1e-4, kAxisOfJoint = 1e-4;  // m and rad; rad
+constexpr double kBothRest = 0.5;  // s, in which readings of two topics are compared
 constexpr size_t kMostJoints = 3;  // missing ones with a line of their own
 
 /// How likely a topic has the true state of joints, and not what they should do.
@@ -39,9 +41,71 @@ std::set<int> joints_that_tell(const Rig& rig) {
   return out;
 }
 
+/// Refuses a recording whose joints are all called like the robot's with something before it, or
+/// none of which has the rig's prefix. @throws InputError
+void check_prefix(const RigFile& rig_file, const RecordedStreams& streams) {
+  const Rig& rig = rig_file.rig;
+  const std::string given = given_joint_prefix(rig_file);
+  std::set<std::string> there, prefixes;
+  for (const JointStream& s : streams.joints) there.insert(s.joint);
+  std::vector<std::string> names;
+  for (const int j : joints_that_tell(rig))
+    if (rig.tree.joints[static_cast<size_t>(j)].has_reading())
+      names.push_back(rig.tree.joints[static_cast<size_t>(j)].name);
+  const auto has = [&](const std::string& prefix) {
+    return [&there, prefix](const std::string& name) { return there.count(prefix + name) > 0; };
+  };
+  if (names.empty() || there.empty() || std::any_of(names.begin(), names.end(), has(given))) return;
+  for (const std::string& joint : there) {
+    const size_t before = joint.size() - std::min(joint.size(), names[0].size());
+    const std::string prefix = joint.substr(0, before);
+    if (joint.substr(before) == names[0] && std::all_of(names.begin(), names.end(), has(prefix)))
+      prefixes.insert(prefix);
+  }
+  if (prefixes.empty() && given.empty()) return;
+  std::string lines;
+  for (const std::string& prefix : prefixes)
+    lines += (lines.empty() ? "" : " or ") +
+             (prefix.empty() ? "no `prefix`" : "`prefix: " + prefix + "`");
+  throw InputError(rig_file.path + ": joints: no joint of the recording is " +
+                   (given.empty() ? "one of the robot's"
+                                  : "'" + given + "' and the name of one of the robot's") +
+                   (prefixes.empty() ? "; it has " + comma_separated({there.begin(), there.end()})
+                                     : ", but all are with something before it: write " + lines +
+                                           " into `joints` of the rig"));
+}
+
+/// Where two topics have different readings of one joint while it rests; "": nowhere.
+std::string contradiction(const JointStream& one, const JointStream& other, bool continuous) {
+  const auto still = [](const Series& s) {
+    return still_intervals(s, std::max(1e-9, still_tolerance(s)), longest_gap(s.times));
+  };
+  const double noise = std::max(1e-9, still_tolerance(one.readings)) +
+                       std::max(1e-9, still_tolerance(other.readings));
+  double most = noise;
+  std::string out;
+  for (const TimeInterval& rest : intersected(still(one.readings), still(other.readings))) {
+    if (rest.length() < kBothRest) continue;
+    const TimeInterval middle{rest.begin + rest.length() / 4, rest.end - rest.length() / 4};
+    const Average a = average(one.readings, middle), b = average(other.readings, middle);
+    if (a.count == 0 || b.count == 0) continue;
+    double apart = a.mean - b.mean;
+    if (continuous) apart = std::remainder(apart, 2 * kPi);
+    if (!(std::abs(apart) > most)) continue;
+    most = std::abs(apart);
+    out = text(
+        "topics '%s' and '%s' contradict each other: joint '%s' is %.6g on the first and "
+        "%.6g on the second at %.1f s, at rest, and their noise is %.2g",
+        one.topic.c_str(), other.topic.c_str(), one.joint.c_str(), a.mean, b.mean,
+        (middle.begin + middle.end) / 2, noise);
+  }
+  return out;
+}
+
 /// Names joints of the rig that no topic has, and topics that are too slow.
 void check_joints(const RigFile& rig_file, const RecordedStreams& streams, TopicMap& out) {
   const Rig& rig = rig_file.rig;
+  const std::string prefix = given_joint_prefix(rig_file);
   std::vector<std::string> missing, there;
   std::map<std::string, std::vector<std::string>>
       not_taken;                       // by topic: joints that are only there
@@ -54,12 +118,12 @@ void check_joints(const RigFile& rig_file, const RecordedStreams& streams, Topic
     if (!joint.has_reading()) continue;
     const int at = out.joints[static_cast<size_t>(j)];
     if (at < 0) {
-      const auto has_it = [&](const JointStream& s) { return s.joint == joint.name; };
+      const auto has_it = [&](const JointStream& s) { return s.joint == prefix + joint.name; };
       const auto s = std::find_if(streams.joints.begin(), streams.joints.end(), has_it);
       if (s != streams.joints.end())
         not_taken[s->topic].push_back(joint.name);
       else
-        missing.push_back(joint.name);
+        missing.push_back(prefix + joint.name);
       continue;
     }
     const JointStream& s = streams.joints[static_cast<size_t>(at)];
@@ -105,6 +169,7 @@ void check_joints(const RigFile& rig_file, const RecordedStreams& streams, Topic
 
 void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& out) {
   const std::vector<std::string> given = given_joint_topics(rig);
+  const std::string prefix = given_joint_prefix(rig);
   std::set<std::string> all;
   for (const JointStream& s : streams.joints) all.insert(s.topic);
   for (const PoseStream& s : streams.poses) all.insert(s.topic);
@@ -116,22 +181,30 @@ void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& o
   for (size_t j = 0; j < rig.rig.tree.joints.size(); ++j) {
     const Joint& joint = rig.rig.tree.joints[j];
     if (!joint.has_reading()) continue;
-    std::vector<std::string> too;
+    std::vector<int> too;
     for (size_t i = 0; i < streams.joints.size(); ++i) {
       const JointStream& s = streams.joints[i];
-      if (s.joint != joint.name) continue;
+      if (s.joint != prefix + joint.name) continue;
       if (!given.empty() ? !std::count(given.begin(), given.end(), s.topic) : is_command(s.topic))
         continue;
       int& at = out.joints[j];
       const bool better =
           at < 0 || s.readings.size() > streams.joints[static_cast<size_t>(at)].readings.size();
-      if (at >= 0) too.push_back(better ? streams.joints[static_cast<size_t>(at)].topic : s.topic);
+      if (at >= 0) too.push_back(better ? at : static_cast<int>(i));
       if (better) at = static_cast<int>(i);
     }
     if (out.joints[j] < 0) continue;
-    const std::string& topic = streams.joints[static_cast<size_t>(out.joints[j])].topic;
-    joints_by_topic[topic].push_back(joint.name);
-    for (const std::string& other : too) others[topic].push_back(other);
+    const JointStream& taken = streams.joints[static_cast<size_t>(out.joints[j])];
+    joints_by_topic[taken.topic].push_back(joint.name);
+    for (const int i : too) {
+      const JointStream& other = streams.joints[static_cast<size_t>(i)];
+      const std::string why = contradiction(taken, other, joint.type == JointType::continuous);
+      if (!why.empty())
+        throw InputError(rig.path + ": joints: " + why + ": write `topic: " + taken.topic +
+                         "` or `topic: " + other.topic +
+                         "` into `joints` of the rig, whichever has what the joints did");
+      others[taken.topic].push_back(other.topic);
+    }
   }
   for (const auto& [topic, joints] : joints_by_topic) {
     std::string line = "joints: " + topic + " (" + std::to_string(joints.size()) + " of the robot";
@@ -378,6 +451,7 @@ TopicMap find_topics(const RigFile& rig, const RecordedStreams& streams) {
   out.pose_targets.assign(sensors, -1);
   out.joints.assign(joints, -1);
   out.floating.resize(joints);
+  check_prefix(rig, streams);
   find_joints(rig, streams, out);
   check_joints(rig, streams, out);
   find_floating(rig, streams, out);

@@ -468,11 +468,12 @@ Urdf read_flange_robot(const Field& robot, const std::string& path) {
 
 namespace {
 
-/// `joints: {topic: /joint_states}` says where recordings have readings; a joint of that name has a
-/// mapping.
-bool is_joint_topic(const Field& entry, const std::string& pattern) {
-  if (pattern != "topic" || entry.node->kind == Node::Kind::mapping) return false;
-  if (entry.node->kind == Node::Kind::sequence)
+/// `joints: {topic: /joint_states, prefix: left_}` says where recordings have readings, and what
+/// stands before their names; a joint of that name has a mapping.
+bool is_of_recordings(const Field& entry, const std::string& pattern) {
+  if ((pattern != "topic" && pattern != "prefix") || entry.node->kind == Node::Kind::mapping)
+    return false;
+  if (pattern == "topic" && entry.node->kind == Node::Kind::sequence)
     entry.strings();
   else
     entry.string();
@@ -498,7 +499,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
   for (const auto& member : field.node->members) {
     const std::string& pattern = member.first;
     const Field entry = field[pattern];
-    if (is_joint_topic(entry, pattern)) continue;
+    if (is_of_recordings(entry, pattern)) continue;
     entry.check_keys({}, keys);
     for (int j : matching(entry, pattern, names)) {
       const Joint& joint = tree.joints[j];

@@ -3,6 +3,7 @@
 A recording of `simulate --bag` is written again with its images in another encoding, and imported. Proves: rgb8, bgr8 and PNG images of a grey scene give the samples of
 mono8, mono16 (which is stretched) the same corners within 0.02 px and a Bayer pattern within 0.1 px; `--apply-offsets` gives the samples of a camera that is stamped late those of one that is
 not, within their sigmas; PointCloud2 of a lidar and sweeps of a tilting laser become samples, the latter a calibration that is right within its covariance;
+offsets of clocks that are 0.4 to 300 s apart are found, with and without times of reception; readings in a table beside a bag of images give the same samples;
 JPEG images in a ROS 1 bag, in MCAP with ROS 1's messages and in MCAP with ROS 2's give the same corners within 0.05 px;
 the program without OpenCV (the same sources without the search, not another build of OpenCV's absence) writes an image of each rest, `detect` goes on from there; killed
 at any moment while it searches images, an import leaves the old samples or the new ones. Not proved: real recordings.
@@ -332,6 +333,50 @@ sensors:
             self.assertEqual((view["sensor"], view["target"]), ("lidar", "reflector"))
             for found, true in zip(view["points"][0], (x, y, 0)):
                 self.assertLess(abs(found - true), 0.005)
+
+
+class Clocks(Recorded):
+    def setUp(self):
+        super().setUp()
+        spec = importlib.util.spec_from_file_location("clocks", os.path.join(SOURCE_DIR, "benchmarks", "clocks.py"))
+        self.module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(self.module)
+
+    def test_apart(self):
+        """Computers without a common clock: the whole table is in benchmarks/clocks.py."""
+        self.module.simulate(KINCAL, self.dir, 1, 10)
+        for apart, rewritten in ((0.4, True), (1.3, True), (-5, False), (37, True), (300, False)):
+            self.module.with_clock(self.path("a.bag"), self.path("moved.bag"), apart, rewritten, 1)
+            came, about = self.module.judged(KINCAL, self.dir, self.path("moved.bag"), apart)
+            self.assertEqual(came, "found", (apart, rewritten, about))
+
+    def test_a_table_of_readings(self):
+        """Joints in a CSV beside a bag of images give the samples of the bag that has both."""
+        self.record_arm("a.bag")
+        given = self.import_it("a.bag")
+        topics, messages = read_bag(self.path("a.bag"))
+        k = [t[0] for t in topics].index("/joint_states")
+        rows, names = [], []
+        for t, at, data in messages:
+            if t != k:
+                continue
+            count, place = struct.unpack_from("<I", data, 12 + 4 + struct.unpack_from("<I", data, 12)[0])[0], 12 + 4 + struct.unpack_from("<I", data, 12)[0] + 4
+            names = []
+            for _ in range(count):
+                n = struct.unpack_from("<I", data, place)[0]
+                names.append(data[place + 4:place + 4 + n].decode())
+                place += 4 + n
+            rows.append("%.9f" % at + "".join(",%r" % v for v in struct.unpack_from("<%dd" % count, data, place + 4)))
+        self.write("joints.csv", "\n".join([",".join(["time", *names])] + rows) + "\n")
+        self.write("images.bag", bags_test.bag(topics, [m for m in messages if m[0] != k]))
+        self.assertIn("joints: joints.csv (6 of the robot)", self.run_it("import", "images.bag", "joints.csv", "--list", "--rig", "rig.yaml"))
+        got = self.import_it("images.bag", "joints.csv")
+        self.assertEqual(len(got), len(given))
+        for a, b in zip(got, given):
+            self.assertEqual(a["views"], b["views"])
+            self.assertAlmostEqual(a["time"], b["time"], delta=1e-4)
+            for j, value in b["joints"].items():
+                self.assertAlmostEqual(a["joints"][j], value, delta=1e-9)
 
 
 class Sweeps(Recorded):

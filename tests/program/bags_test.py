@@ -187,6 +187,23 @@ class Bags(helpers.Folder):
         self.assertRegex(p.stdout, r"/own +mine/Thing +1 +- +12\.500 s +-")
         self.assertIn("mine/Thing (/own) has: x, rest[]", p.stdout)
 
+    def test_compressed_video(self):
+        """What it is, that it is not read, and what to do."""
+        video = "std_msgs/Header header\nuint8[] data\nstring format\n" + HEADER
+        image = "std_msgs/Header header\nstring format\nuint8[] data\n" + HEADER
+        for name, kind, definition, data, said in (
+                ("/eye/video", "foxglove_msgs/CompressedVideo", video, header(1700000000.0) + array([b"\0"]) + text("h264"), "foxglove_msgs/CompressedVideo"),
+                ("/eye/image_raw/compressed", "sensor_msgs/CompressedImage", image, header(1700000000.0) + text("H264") + array([b"\0"]), "sensor_msgs/CompressedImage, H264")):
+            path = self.write("v.bag", bag([(name, kind, definition), ("/joint_states", "sensor_msgs/JointState", STATE.split("\n", 2)[2] + HEADER)],
+                                           [(0, 1700000000 + 0.1 * i, data) for i in range(30)] +
+                                           [(1, 1700000000 + 0.01 * i, state({"j1": 0.1, "j2": 0.2, "tilt": 0.0}, 1700000000 + 0.01 * i)) for i in range(300)]))
+            self.write("rig.yaml", RIG % "")
+            for arguments in (("--list",), ("--out", self.path("samples.jsonl"))):
+                p = run(path, "--rig", self.rig, *arguments)
+                self.assertEqual(p.returncode, 0 if "--list" in arguments else 1, p.stderr)
+                self.assertIn("%s is compressed video (%s), which is not read" % (name, said), p.stdout + p.stderr)
+                self.assertIn("Record raw, PNG or JPEG images; or make pictures of the video", p.stdout + p.stderr)
+
     def test_damaged(self):
         """What is whole becomes samples; what is lost is said; nothing at all is exit code 1."""
         whole = bag(self.topics, self.messages)

@@ -3,13 +3,15 @@
 //
 // Proves: joint states on two topics with rates of their own, of joints in messages of changing
 // names, become one sample a rest with the mean and its sigma; stamps of 0 and stamps of another
-// clock are said and replaced; the busiest topic of a joint is taken and no command; poses of /tf
-// (through a chain, static ones too), PoseStamped for a floating joint and for motion capture;
-// which topic is which camera: by frame, name, size, what is left, and what is not decided; another
-// lens and another robot, missing joints, slow readings, clocks that were set back and messages
-// that are there again are said; every encoding of an image gives the same grey; what the hand
-// holds; a diagnosis where nothing rests; near postures are left out. Images that are searched:
-// tests/program/recordings_test.py. Does not prove: that other recorders write such messages.
+// clock are said and replaced, also of clocks that are seconds apart; the busiest topic of a joint
+// is taken and no command, topics that contradict each other are refused, names may have a prefix;
+// poses of /tf (through a chain, static ones too), PoseStamped for a floating joint and for motion
+// capture; which topic is which camera: by frame, name, size, what is left, and what is not
+// decided; another lens and another robot, missing joints, slow readings, clocks that were set back
+// and messages that are there again are said; every encoding of an image gives the same grey; what
+// the hand holds; a diagnosis where nothing rests; near postures are left out. Images that are
+// searched: tests/program/recordings_test.py. Does not prove: that other recorders write such
+// messages.
 #include "../../io/recordings/import.h"
 
 #include <unistd.h>
@@ -312,9 +314,31 @@ TEST_CASE("import: stamps of 0 and of another clock are said and replaced") {
   RecordedStreams streams = place.streams();
   REQUIRE(streams.notes.size() == 2);
   CHECK(streams.notes[0].find("/arm/joint_states: 1401 messages have no stamp (0)") == 0);
-  CHECK(streams.notes[1].find("/vrpn/plate/pose: its stamps are of another clock, 500000 s away") ==
-        0);
+  CHECK(streams.notes[1].find("/vrpn/plate/pose: its stamps are of another clock, 500000.0 s "
+                              "before those of the joints by the times of reception") == 0);
   CHECK(import_recordings({}, rig, streams, nullptr, ImportOptions()).samples.size() == 5);
+}
+
+TEST_CASE("import: clocks seconds apart are told by the times of reception") {
+  for (const double apart : {-37., 1.3}) {
+    Place place;
+    write_rests(place, Wire::cdr, 1e-5, apart, true);
+    const RigFile rig = place.rig(kMocap, kRobot);
+    RecordedStreams streams = place.streams();
+    REQUIRE(streams.notes.size() == 1);
+    CHECK_THAT(streams.notes[0],
+               Catch::StartsWith(apart < 0 ? "/vrpn/plate/pose: its stamps are of another clock, "
+                                             "37.0 s after those of the joints"
+                                           : "/vrpn/plate/pose: its stamps are of another clock, "
+                                             "1.3 s before those of the joints"));
+    const RecordedSamples found = import_recordings({}, rig, streams, nullptr, ImportOptions());
+    REQUIRE(found.samples.size() == 5);
+    for (const Sample& sample : found.samples) {  // poses have a and b as x and y
+      const int a = rig.rig.tree.find_joint("a"), b = rig.rig.tree.find_joint("b");
+      CHECK(std::abs(sample.views[0].z[0] - sample.readings[a]) < 1e-4);
+      CHECK(std::abs(sample.views[0].z[1] - sample.readings[b]) < 1e-4);
+    }
+  }
 }
 
 TEST_CASE("import: stamps in another unit are said") {
@@ -379,6 +403,69 @@ TEST_CASE("import: joints that only a command has") {
              Catch::StartsWith("what stands on joints a, b gives no samples: only /arm/command has "
                                "them") &&
                  Catch::Contains("write `topic: /arm/command`"));
+}
+
+TEST_CASE("import: topics that contradict each other are refused") {
+  const auto streams_of = [](double off) {
+    Place place;
+    place.open(Wire::ros1);
+    RandomStream draws(4);
+    const int one = place.bag->add_topic("/joint_states", "sensor_msgs/JointState"),
+              other = place.bag->add_topic("/left/joint_states", "sensor_msgs/JointState");
+    for (int i = 0; i < 900; ++i) {
+      const double t = 0.01 * i, a = path_of(t, 0.2);
+      place.bag->write(
+          one, at(t),
+          joint_state_message(Wire::ros1, at(t), {"a", "b"}, {a + 1e-5 * draws.normal(), -a}));
+      if (i % 2 == 0)
+        place.bag->write(other, at(t),
+                         joint_state_message(Wire::ros1, at(t), {"a", "b"},
+                                             {a + off + 1e-5 * draws.normal(), 2 * kPi - a}));
+    }
+    return place.streams();
+  };
+  Place place;
+  const RigFile rig = place.rig(kMocap, kRobot);
+  const RecordedStreams wrong = streams_of(0.01), right = streams_of(0);
+  CHECK_THROWS_WITH(
+      find_topics(rig, wrong),
+      Catch::Contains("joints: topics '/joint_states' and '/left/joint_states' contradict each "
+                      "other: joint 'a' is ") &&
+          Catch::Contains("write `topic: /joint_states` or `topic: /left/joint_states` into "
+                          "`joints` of the rig"));
+  CHECK_NOTHROW(find_topics(rig, right));  // a joint that turns on and on: whole turns
+  const std::string chosen = std::string(kMocap).replace(kMocap.find("joints: {"), 9,
+                                                         "joints: {topic: /left/joint_states, ");
+  CHECK(find_topics(place.rig(chosen), wrong).joints[0] >= 0);
+}
+
+TEST_CASE("import: names of joints with something before them") {
+  Place place;
+  place.open(Wire::cdr);
+  const int topic = place.bag->add_topic("/joint_states", "sensor_msgs/JointState");
+  for (int i = 0; i < 400; ++i)
+    place.bag->write(topic, at(0.01 * i),
+                     joint_state_message(Wire::cdr, at(0.01 * i),
+                                         {"left_a", "left_b", "right_a", "right_b", "w"},
+                                         {0.1, 0.2, 0.3, 0.4, 0.5}));
+  const RecordedStreams streams = place.streams();
+  CHECK_THROWS_WITH(find_topics(place.rig(kMocap, kRobot), streams),
+                    Catch::Contains("no joint of the recording is one of the robot's, but all are "
+                                    "with something before it: write `prefix: left_` or `prefix: "
+                                    "right_` into `joints` of the rig"));
+  const auto with = [&](const std::string& prefix) {
+    return place.rig(std::string(kMocap).replace(kMocap.find("joints: {"), 9,
+                                                 "joints: {prefix: " + prefix + ", "));
+  };
+  const RigFile rig = with("right_");
+  const TopicMap topics = find_topics(rig, streams);
+  const int a = topics.joints[static_cast<size_t>(rig.rig.tree.find_joint("a"))];
+  REQUIRE(a >= 0);
+  CHECK(streams.joints[static_cast<size_t>(a)].joint == "right_a");
+  CHECK_THROWS_WITH(find_topics(with("middle_"), streams),
+                    Catch::Contains("no joint of the recording is 'middle_' and the name of one of "
+                                    "the robot's") &&
+                        Catch::Contains("`prefix: left_` or `prefix: right_`"));
 }
 
 TEST_CASE("import: which topics are the joints'") {
