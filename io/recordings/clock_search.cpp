@@ -16,6 +16,7 @@ constexpr size_t kLeastSamples = 4;
 constexpr size_t kMostCandidates = 24;  // that are tried
 constexpr double kAsGood = 0.5;         // of the best agreement
 constexpr double kEdge = 0.25;          // of a way, where motion begins and ends
+constexpr double kNear = 0.9;           // of the offsets that are looked for before
 constexpr double kLess = 4;             // times, chi2/dof of the others
 
 /// Whether what one frame shows stands still.
@@ -162,7 +163,7 @@ CameraClock clock_of(const ClockTrial& trial, int sensor, const std::vector<Sigh
   const TimeOffset* left = offset_of(best->clocks, sensor);
   if (!left || !left->why_not.empty()) return out;
   out.offset = best->offset + left->offset;
-  out.found = true;
+  out.found = std::abs(out.offset) > kNear * kFarthestOffset;  // else it was searched already
   out.contradicted = false;
   return out;
 }
