@@ -115,6 +115,11 @@ def try_robot(folder, kind, seed):
     run(folder, "simulate", "exact.yaml", *common, *spread, "--out", "exact")
     run(folder, "detect", "rig.yaml", "sim/samples.jsonl", "--out", "found.jsonl", "--sigma")
     run(folder, "calibrate", "rig.yaml", "found.jsonl", "--out", "result", "--no-report")
+    return (*judge_result(folder), corner_errors(folder))
+
+
+def judge_result(folder):
+    """chi2, dof, NEES by the whole covariance and its numbers, of a result beside the simulation's truth."""
     with open(os.path.join(folder, "result", "result.json")) as f:
         result = json.load(f)
     with open(os.path.join(folder, "sim", "truth.json")) as f:
@@ -128,7 +133,7 @@ def try_robot(folder, kind, seed):
         found = result["parameters"][owner]["value"]["x y z rx ry rz".split().index(last)] if owner else result["parameters"][name]["value"]
         error.append((found[0] if isinstance(found, list) else found) - truth.get(name, {"true": 0})["true"])
     error = numpy.array(error)
-    return result["chi2"], result["dof"], error @ numpy.linalg.solve(covariance, error), len(error), corner_errors(folder)
+    return result["chi2"], result["dof"], error @ numpy.linalg.solve(covariance, error), len(error)
 
 
 def main():

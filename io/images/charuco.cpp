@@ -220,12 +220,13 @@ BoardLook second_look(const cv::Mat& image, const ImageTarget& target, std::stri
 
 }  // namespace
 
-Detection find_charuco(const cv::Mat& image, const ImageTarget& target) {
+Detection find_charuco(const cv::Mat& image, const ImageTarget& target,
+                       const Compression& compression) {
   std::string reason;
   BoardLook look = first_look(image, target);
   if (!look.complete) look = second_look(image, target, reason);
   if (!reason.empty()) return missing(reason);
-  Detection out = refined(image, look.corners);
+  Detection out = refined(image, compression, look.corners);
   out.layouts = look.layouts;
   if (out.ids.empty() && !look.corners.empty())
     return missing("what is free beside its markers is too narrow for the blur");

@@ -256,7 +256,8 @@ Corners search(const cv::Mat& image, const cv::Size& size, bool sectors) {
 
 }  // namespace
 
-Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
+Detection find_chessboard(const cv::Mat& image, const ImageTarget& target,
+                          const Compression& compression) {
   Detection out;
   out.reason = "no chessboard of " + std::to_string(target.rows) + " x " +
                std::to_string(target.columns) + " inner corners";
@@ -270,7 +271,7 @@ Detection find_chessboard(const cv::Mat& image, const ImageTarget& target) {
       const Board board = whole_board(rest, corners, size);
       if (!board.corners.empty()) {
         corners = numbered(image, board.corners, target.rows, target.columns);
-        out = refined(image, saddles_of(corners, target.rows, target.columns));
+        out = refined(image, compression, saddles_of(corners, target.rows, target.columns));
         if (2 * out.ids.size() >= corners.size()) return out;
         out = {};
         out.reason = "its squares are too small for the blur";

@@ -35,6 +35,44 @@ double noise_of(const cv::Mat& part) {
   return std::sqrt(std::max(kRounding, sum / (kGain * static_cast<double>(flat))));
 }
 
+PlaneView view_of(const ImageTarget& target, const Detection& found, cv::Size image) {
+  std::vector<cv::Point2d> plane;
+  for (const int id : found.ids) plane.push_back(target.points[id]);
+  return fit_plane_view(plane, found.pixels, image);
+}
+
+/// The picture without a board: grey, with the picture's noise, where its points are and around
+/// them.
+cv::Mat without_board(const cv::Mat& image, const ImageTarget& target, const Detection& found,
+                      const PlaneView& view) {
+  const double rim = target.kind == ImageTarget::Kind::tags ? target.gap + 0.05 : 1.05;
+  cv::Point2d low(1e9, 1e9), high(-1e9, -1e9);
+  for (const int id : found.ids) {
+    const cv::Point2d p = target.points[id];
+    low = {std::min(low.x, p.x - rim), std::min(low.y, p.y - rim)};
+    high = {std::max(high.x, p.x + rim), std::max(high.y, p.y + rim)};
+  }
+  std::vector<cv::Point> outline;
+  for (const cv::Point2d& corner : {low, cv::Point2d(high.x, low.y), high, {low.x, high.y}})
+    outline.emplace_back(view(corner));
+  cv::Mat grey(image.size(), image.type()), mask = cv::Mat::zeros(image.size(), CV_8U);
+  cv::RNG(1).fill(grey, cv::RNG::NORMAL, cv::mean(image), cv::Scalar::all(found.noise));
+  cv::fillConvexPoly(mask, outline, cv::Scalar(1));
+  cv::Mat out = image.clone();
+  grey.copyTo(out, mask);
+  return out;
+}
+
+/// Whether points are where a board that was found before has them.
+bool seen_before(const ImageTarget& target, const Detection& found, const PlaneView& before) {
+  size_t same = 0;
+  for (size_t i = 0; i < found.ids.size(); ++i) {
+    const cv::Point2d p = target.points[found.ids[i]], at = before(p);
+    same += cv::norm(found.pixels[i] - at) < 0.5 * cv::norm(before(p + cv::Point2d(1, 0)) - at);
+  }
+  return 2 * same > found.ids.size();
+}
+
 }  // namespace
 
 /// The steepest edges are as steep as the blur lets them: a step of height A blurred by sigma has
@@ -82,24 +120,45 @@ void judge(const cv::Mat& image, Detection& found) {
                     cv::Rect(0, 0, part.cols, part.rows)));
 }
 
-Detection detect(const cv::Mat& image, const ImageTarget& target) {
+Detection detect(const cv::Mat& image, const ImageTarget& target, const Compression& compression) {
   using Kind = ImageTarget::Kind;
   // OpenCV's searches draw random numbers from the thread's generator: begun anew, so that what is
   // found in a picture does not depend on those before it.
   cv::theRNG() = cv::RNG();
-  Detection found = target.kind == Kind::charuco   ? find_charuco(image, target)
-                    : target.kind == Kind::tags    ? find_tags(image, target)
+  Detection found = target.kind == Kind::charuco   ? find_charuco(image, target, compression)
+                    : target.kind == Kind::tags    ? find_tags(image, target, compression)
                     : target.kind == Kind::marker  ? find_marker(image, target)
                     : target.kind == Kind::circles ? find_circles(image, target)
-                                                   : find_chessboard(image, target);
+                                                   : find_chessboard(image, target, compression);
   if (found.ids.empty()) return found;
   if (found.contrast == 0) judge(image, found);
-  if (found.ids.size() > 4) {  // four points fit any homography
-    std::vector<cv::Point2d> plane;
-    for (const int id : found.ids) plane.push_back(target.points[id]);
-    found.rms = fit_plane_view(plane, found.pixels, image.size()).rms;
-  }
+  if (found.ids.size() > 4)  // four points fit any homography
+    found.rms = view_of(target, found, image.size()).rms;
   return found;
+}
+
+std::vector<Detection> detect_boards(const cv::Mat& image, const ImageTarget& target, size_t count,
+                                     const Compression& compression) {
+  std::vector<Detection> out;
+  std::vector<PlaneView> views;
+  cv::Mat rest = image;
+  const size_t most = count + 2;  // what is left of a board may be found again
+  for (size_t look = 0; out.size() < count; ++look) {
+    Detection found = detect(rest, target, compression);
+    if (found.ids.empty() || look == most) {
+      if (found.reason.empty()) found = {}, found.reason = "only parts of a board found before";
+      out.resize(count, found);
+      break;
+    }
+    const PlaneView view = view_of(target, found, image.size());
+    if (out.size() + 1 < count) rest = without_board(rest, target, found, view);
+    if (std::any_of(views.begin(), views.end(),
+                    [&](const PlaneView& one) { return seen_before(target, found, one); }))
+      continue;
+    views.push_back(view);
+    out.push_back(std::move(found));
+  }
+  return out;
 }
 
 void draw(cv::Mat& picture, const ImageTarget& target, const Detection& found) {

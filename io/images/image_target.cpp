@@ -116,6 +116,13 @@ bool look_alike(const ImageTarget& a, const ImageTarget& b) {
           (a.kind == Kind::chessboard && a.rows == b.columns && a.columns == b.rows));
 }
 
+bool same_print(const ImageTarget& a, const ImageTarget& b) {
+  using Kind = ImageTarget::Kind;
+  return a.kind == b.kind && a.kind != Kind::circles && a.kind != Kind::marker &&
+         a.rows == b.rows && a.columns == b.columns && a.marker == b.marker && a.gap == b.gap &&
+         a.dictionary == b.dictionary && a.marker_id == b.marker_id;
+}
+
 ImageTarget image_target(const RigFile& rig, const Target& target) {
   std::vector<cv::Point2d> points;
   const Eigen::Matrix3Xd& places = target.grid ? target.layout : target.points;

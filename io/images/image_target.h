@@ -40,6 +40,9 @@ ImageTarget image_target(const RigFile& rig, const Target& target);
 /// taken for the other.
 bool look_alike(const ImageTarget& a, const ImageTarget& b);
 
+/// Whether two targets have one print, of a kind of which several are found in a picture.
+bool same_print(const ImageTarget& a, const ImageTarget& b);
+
 /// Returns what a rig calls a dictionary by OpenCV's number, from 0 on: DICT_4X4_50, tag36h11; "":
 /// there are no more.
 std::string dictionary_name(int dictionary);

@@ -1,6 +1,5 @@
 #include "load.h"
 
-#include <array>
 #include <filesystem>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
@@ -13,13 +12,20 @@ std::string size_text(int width, int height) {
   return std::to_string(width) + " x " + std::to_string(height);
 }
 
+/// The first bytes of a file.
+std::string head_of(const std::string& path, size_t size) {
+  std::string head(size, 0);
+  std::ifstream in(path, std::ios::binary);
+  in.read(head.data(), static_cast<std::streamsize>(size));
+  head.resize(static_cast<size_t>(in.gcount()));
+  return head;
+}
+
+constexpr size_t kBeforeTables = 1 << 18;  // of a JPEG: pictures in EXIF stand before its tables
+
 /// Whether there is EXIF in the head of a JPEG ("Exif") or PNG ("eXIf").
 bool has_exif(const std::string& path, std::string_view mark) {
-  std::array<char, 4096> head{};
-  std::ifstream in(path, std::ios::binary);
-  in.read(head.data(), head.size());
-  return std::string_view(head.data(), static_cast<size_t>(in.gcount())).find(mark) !=
-         std::string_view::npos;
+  return head_of(path, 4096).find(mark) != std::string::npos;
 }
 
 /// Whether the file asks viewers to turn the image (EXIF): the decoder then returns another one if
@@ -61,6 +67,7 @@ LoadedImage load_image(const std::string& path, int width, int height) {
     return out;
   }
   LoadedImage fitting = fitting_image(image, width, height);
+  fitting.compression = compression_of(head_of(path, kBeforeTables));
   fitting.notes.insert(fitting.notes.begin(), out.notes.begin(), out.notes.end());
   return fitting;
 }
@@ -77,7 +84,9 @@ LoadedImage decode_image(std::string_view bytes, int width, int height) {
     out.error = "cannot be read: " + error.err;
     return out;
   }
-  return fitting_image(image, width, height);
+  LoadedImage fitting = fitting_image(image, width, height);
+  fitting.compression = compression_of(bytes);
+  return fitting;
 }
 
 LoadedImage fitting_image(const cv::Mat& image, int width, int height) {

@@ -6,11 +6,14 @@
 #include <string_view>
 #include <vector>
 
+#include "compression.h"
+
 namespace kincal {
 
 struct LoadedImage {
   cv::Mat grey;                    // empty: not usable
   std::string error;               // why not
+  Compression compression;         // what JPEG did to it
   std::vector<std::string> notes;  // what is unusual about it, and what was done
 };
 

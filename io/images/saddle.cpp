@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <opencv2/imgproc.hpp>
 
 #include "finders.h"
 #include "markers.h"
@@ -15,7 +16,7 @@ constexpr double kSmooth = 0.9;    // px, sigma of the Gaussian before gradients
 constexpr double kWhole = 1.1;     // px, sigma of that, of a pixel and of differences
 constexpr double kMost = 10;       // px: farther away the lens bends the edges
 constexpr int kMargin = 4;         // px around the window that filters need
-constexpr double kFloor = 0.003;   // px, of a coordinate: what sampling does
+constexpr double kFloor = 0.004;   // px, of a coordinate: what sampling does
 constexpr double kThinnest = 1.4;  // blurs that the strip beside an edge has at least
 constexpr double kShortest = 2.2;  // blurs that a square of a chessboard is plain at least
 constexpr size_t kSigmas = 20;     // corners of a view whose sigma is worked out, or a few less
@@ -131,9 +132,40 @@ cv::Vec2d step_from(const Slopes& slopes, const Window& window, const cv::Point2
   return gram.inv() * cv::Vec2d(x0, y0);
 }
 
-/// The covariance of the corner for noise of one grey level in every pixel.
+/// The products of two or one patches, weighed by the noise of the pixels. `origin`: where in the
+/// image they begin.
+std::array<double, 3> noise_products(const Patch& a, const Patch& b, const cv::Point& origin,
+                                     const PixelNoise& noise) {
+  const double white = noise.sigma * noise.sigma;
+  if (!noise.compression.any())
+    return {white * (a * a).sum(), white * (a * b).sum(), white * (b * b).sum()};
+  std::array<double, 3> out{};
+  const auto block = [](const Patch& from, int left, int top) {
+    Block pixels = Block::zeros();
+    for (int y = std::max(0, -top); y < 8 && top + y < from.cols(); ++y)
+      for (int x = std::max(0, -left); x < 8 && left + x < from.rows(); ++x)
+        pixels(x, y) = static_cast<double>(from(left + x, top + y));
+    return cosine_transform(pixels);
+  };
+  const auto before = [](int at) { return -(at % 8 + 8) % 8; };
+  for (int top = before(origin.y); top < a.cols(); top += 8)
+    for (int left = before(origin.x); left < a.rows(); left += 8) {
+      const Block one = block(a, left, top), other = block(b, left, top);
+      for (int u = 0; u < 8; ++u)
+        for (int v = 0; v < 8; ++v) {
+          const double step = noise.compression.steps[static_cast<size_t>(8 * v + u)];
+          const double variance = white + step * step / 12;
+          out[0] += variance * one(u, v) * one(u, v);
+          out[1] += variance * one(u, v) * other(u, v);
+          out[2] += variance * other(u, v) * other(u, v);
+        }
+    }
+  return out;
+}
+
+/// The covariance of the corner. `first`: the pixel of the image at which the slopes begin.
 cv::Matx22d covariance(const Slopes& slopes, const Window& window, const cv::Point2d& q,
-                       const cv::Matx22d& gram) {
+                       const cv::Matx22d& gram, const cv::Point& first, const PixelNoise& noise) {
   const Patch nothing = Patch::Zero(slopes.dx.rows() + 4 * kMargin, slopes.dx.cols() + 4 * kMargin);
   std::array<Patch, 2> a = {nothing, nothing}, b = a;  // of F's two rows
   cv::Matx22d j = gram;
@@ -159,7 +191,8 @@ cv::Matx22d covariance(const Slopes& slopes, const Window& window, const cv::Poi
     return filtered(a[k], f.slope, f.smooth) + filtered(b[k], f.smooth, f.slope);
   };
   const Patch c0 = of_pixels(0), c1 = of_pixels(1);
-  const cv::Matx22d cc((c0 * c0).sum(), (c0 * c1).sum(), (c0 * c1).sum(), (c1 * c1).sum());
+  const auto products = noise_products(c0, c1, first - cv::Point(kMargin, kMargin), noise);
+  const cv::Matx22d cc(products[0], products[1], products[1], products[2]);
   const cv::Matx22d inverse = j.inv();
   return inverse * cc * inverse.t();
 }
@@ -182,7 +215,7 @@ bool fields_meet(const cv::Mat& image, const Saddle& corner) {
 
 }  // namespace
 
-bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma) {
+bool refine(const cv::Mat& image, Saddle& saddle, const PixelNoise* noise) {
   const cv::Point2d at = saddle.pixel;
   const double room =
       std::min(std::min(at.x, at.y), std::min(image.cols - 1 - at.x, image.rows - 1 - at.y));
@@ -212,18 +245,26 @@ bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma) {
     if (!(cv::norm(q - start) < std::max(1.5, 0.5 * thin))) return false;
     if (cv::norm(step) < 1e-3) break;
   }
-  if (with_sigma) {
-    const cv::Matx22d c = covariance(slopes, window, q, gram);
+  if (noise) {
+    const cv::Matx22d c = covariance(slopes, window, q, gram, corner, *noise);
     saddle.sigma = std::sqrt(0.5 * (c(0, 0) + c(1, 1)));
   }
   saddle.pixel = q + cv::Point2d(corner);
   return true;
 }
 
-Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
+Detection refined(const cv::Mat& image, const Compression& compression,
+                  std::vector<Saddle> saddles) {
   Detection out;
   for (const Saddle& one : saddles) out.pixels.push_back(one.pixel);
   judge(image, out);
+  if (compression.any()) {
+    std::vector<cv::Point2f> corners(out.pixels.begin(), out.pixels.end());
+    const double before =
+        noise_before(image, cv::boundingRect(corners) & cv::Rect({}, image.size()), compression);
+    if (before >= 0) out.noise = before;
+  }
+  const PixelNoise pixel_noise{out.noise, compression};
   out.pixels.clear();
   const size_t stride = 1 + saddles.size() / kSigmas;
   double floor = 0, noise = 0;  // squared sigmas
@@ -233,7 +274,9 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
                           std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
     const double blurs = one.strip * across / std::max(1.36, std::hypot(out.blur, kSmooth));
     const bool with_sigma = out.ids.size() % stride == 0;
-    if (blurs < (one.squares ? kShortest : kThinnest) || !refine(image, one, with_sigma)) continue;
+    if (blurs < (one.squares ? kShortest : kThinnest) ||
+        !refine(image, one, with_sigma ? &pixel_noise : nullptr))
+      continue;
     if (!one.squares && !fields_meet(image, one)) {
       out.no_corners.push_back(one.id);
       continue;
@@ -244,7 +287,7 @@ Detection refined(const cv::Mat& image, std::vector<Saddle> saddles) {
                               ? 0.4 * std::exp(-1.6 * blurs)
                               : 0.082 * width * std::exp(-1.54 * one.strip * across / width);
     floor += kFloor * kFloor + beside * beside;
-    if (with_sigma) noise += std::pow(out.noise * one.sigma, 2), ++count;
+    if (with_sigma) noise += one.sigma * one.sigma, ++count;
     out.ids.push_back(one.id);
     out.pixels.push_back(one.pixel);
   }

@@ -10,13 +10,16 @@
 //
 // Sigma. q solves F = sum w g g' (p - q) = 0. To first order the noise n of the pixels moves it by
 // J^-1 C n, where J = dF/dq and C collects what each pixel does to the gradients around it (the
-// filters, transposed); its covariance is noise^2 J^-1 C C' J^-T. Beside that stays what is not
+// filters, transposed); its covariance is noise^2 J^-1 C C' J^-T. Of a compressed picture C's rows
+// are transformed as its blocks of pixels were, and each coefficient has a variance of its own:
+// noise^2 + step^2 / 12 (compression.h). Beside that stays what is not
 // noise: a few thousandths of a pixel of sampling, and what is printed beside the strip along the
 // edges, if that is thin for the blur: b, the sigma of an edge with all that smooths it, makes
 // markers beside a strip of width s move a corner by 0.08 b exp(-1.5 s / b) (measured on rendered
 // boards, squares of 13 to 46 px, blur 0.5 to 1.2).
 #pragma once
 
+#include "compression.h"
 #include "image_target.h"
 
 namespace kincal {
@@ -28,17 +31,24 @@ struct Saddle {
   cv::Matx22d sides;            // px of one unit of the print, as columns along the two edges
   double reach = 0, strip = 0;  // units that are plain: along an edge, and beside it
   bool squares = false;         // the fields around it are plain squares, and go on as such
-  double sigma = 0;             // px of a coordinate, for noise of one grey level
+  double sigma = 0;             // px of a coordinate, by the noise of the pixels
+};
+
+/// A PixelNoise is how wrong pixels are: grey levels from pixel to pixel, and what was compressed.
+struct PixelNoise {
+  double sigma = 1;
+  Compression compression;
 };
 
 /// Moves a corner to where the picture has it. Returns false, and changes nothing, where there is
-/// none, or it runs away. `with_sigma`: and says how well it is known, which takes as long again.
-bool refine(const cv::Mat& image, Saddle& saddle, bool with_sigma = true);
+/// none, or it runs away. `noise`: and says how well it is known, which takes as long again.
+bool refine(const cv::Mat& image, Saddle& saddle, const PixelNoise* noise);
 
 /// Refines the corners of a target, in the order of their ids, and says how well they are known,
 /// by every few of them.
 /// Left out are those that cannot be located: no saddle, or the strip is too thin for the blur, or
 /// beside markers the fields around it are not dark and bright in turn (Detection::no_corners).
-Detection refined(const cv::Mat& image, std::vector<Saddle> saddles);
+Detection refined(const cv::Mat& image, const Compression& compression,
+                  std::vector<Saddle> saddles);
 
 }  // namespace kincal

@@ -222,7 +222,8 @@ TagGrid all_looks(const cv::Mat& image, const ImageTarget& target, std::string& 
 
 }  // namespace
 
-Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
+Detection find_tags(const cv::Mat& image, const ImageTarget& target,
+                    const Compression& compression) {
   TagGrid grid;
   std::string reason;
   // Where dark squares touch the corners, these are better known than by the tag's edges.
@@ -246,7 +247,7 @@ Detection find_tags(const cv::Mat& image, const ImageTarget& target) {
       out.ids.push_back(one.id);
       out.pixels.push_back(one.pixel);
     }
-  if (squares()) out = refined(image, saddles);
+  if (squares()) out = refined(image, compression, saddles);
   if (out.ids.empty())
     return missing(
         text("the gaps between its tags (spacing: %g) are too narrow for the blur, "

@@ -48,7 +48,7 @@ struct SearchParts {
     for (const int t : wanted) {
       Detection found;
       try {
-        found = detect(loaded.grey, targets.at(t));
+        found = detect(loaded.grey, targets.at(t), loaded.compression);
       } catch (const cv::Exception&) {  // one image must not end the others
         continue;
       }

@@ -2,7 +2,7 @@
 
 Makes pictures of a chessboard (no lens: the detectors' accuracy is proved by tests/images). Proves: views with an image and no pixels get them,
 all else of a samples file is kept; a folder of images becomes samples, with the readings of a table joined by name or by time; images that
-cannot be used are named and counted and end nothing; where nothing is found nothing is written; one thread or four write the
+cannot be used are named and counted and end nothing; equal boards in one picture are told apart by the joints or refused; where nothing is found nothing is written; one thread or four write the
 same bytes; without kincal-detect the program says what to install.
 """
 
@@ -150,6 +150,52 @@ class Detect(Case):
                                 ("id: 3, ", "", "id")):
             self.write("rig.yaml", RIG.replace("targets:\n", more).replace(old, new).encode())
             self.detect("rig.yaml", "images", "--out", "wrong.jsonl", code=1)
+            self.assertIn(words, self.err)
+
+    def equal_boards(self, pose="pose: {xyz: [%g, %g, 0.4]}"):
+        """A rig with two equal boards before a camera that turns about its axis, and pictures of them; returns where their corners are."""
+        rig = RIG.replace("[600, 600, 199.5, 149.5], image_size: [400, 300]", "[600, 600, 399.5, 199.5], image_size: [800, 400], pose: {xyz: [0, 0, 0]}")
+        board, rest = rig.split("  board: ")[1].split("\n", 1)
+        places = {"near": (0.02, -0.2, -0.06), "other": (-0.1, 0.05, -0.04)}      # turned by, m
+        lines = "".join("  %s: %s\n" % (name, board.replace("link: base", "link: base" + (", " + pose % (x, y) if pose else ""))) for name, (_, x, y) in places.items())
+        self.write("rig.yaml", (rig.split("  board: ")[0] + lines + rest).replace("target/board", "target/*").encode())
+        shutil.rmtree(os.path.join(self.dir, "images"))
+        true = {}
+        for name, j, those in (("both", 0, ("near", "other")), ("turned", 0.2, ("near", "other")), ("more", -0.15, ("near", "other")), ("one", 0.1, ("other",))):
+            seen = []
+            for target in those:
+                a, x, y = places[target]
+                x, y = x * 1500, y * 1500       # px
+                at = (a - j, 399.5 + numpy.cos(j) * x + numpy.sin(j) * y, 199.5 - numpy.sin(j) * x + numpy.cos(j) * y)
+                seen.append(picture(*at, width=800, height=400))
+                true[name, target] = corners(*at)
+            self.write("images/%s.pgm" % name, pgm(numpy.minimum.reduce(seen)))
+        return true
+
+    def test_equal_boards_are_told_apart_by_the_joints(self):
+        true = self.equal_boards()
+        self.write("joints.csv", b"image,j\nboth.pgm,0\nturned.pgm,0.2\nmore.pgm,-0.15\none.pgm,0.1\n")
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv")
+        found = {(s["id"], v["target"]): v["pixels"] for s in self.samples() for v in s["views"]}
+        self.assertEqual(sorted(found), sorted(true))
+        for key, pixels in found.items():
+            self.assertLess(numpy.abs(numpy.array(pixels) - true[key]).max(), 0.1, key)
+        self.assertIn("one.pgm: near: NOT FOUND: of its print only another target's board is there", self.out)
+        # Readings that fit neither well: what is not told is left out.
+        self.write("joints.csv", b"image,j\nboth.pgm,0\nturned.pgm,1.57\nmore.pgm,1.5\none.pgm,-1.6\n")
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
+        self.assertEqual([s["id"] for s in self.samples()], ["both"])
+        self.assertIn("turned.pgm: near: NOT FOUND: a board is there of which it cannot be told whether it is this one", self.out)
+
+    def test_equal_boards_that_nothing_tells_are_refused(self):
+        self.equal_boards()
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", code=1)
+        for words in ("'near' and 'other' look the same", "joint 'j' has no reading", "first_id"):
+            self.assertIn(words, self.err)
+        self.equal_boards(pose=None)
+        self.write("joints.csv", b"image,j\nboth.pgm,0\n")
+        self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", code=1)
+        for words in ("'near' and 'other' look the same", "the rig has no pose of 'near'", "first_id"):
             self.assertIn(words, self.err)
 
     def test_sigma_is_said_and_written_on_demand(self):
