@@ -398,7 +398,7 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
       .add_option(
           "--group", s.groups,
           "of a rig without `estimate`: also let this group of numbers be wrong (gears: the "
-          "gear scales); may be repeated")
+          "gear scales; curve/JOINT: the joint's error over its angle); may be repeated")
       ->allow_extra_args(false)
       ->type_name("NAME");
   command

@@ -78,11 +78,19 @@ MatrixXd inverse_of_symmetric(const MatrixXd& a) {
   return solve_symmetric(a, MatrixXd::Identity(a.rows(), a.cols()));
 }
 
+namespace {
+constexpr double kSmallestPivotOfRoot = 1e-4;  // of a correlation matrix: far above rounding
+}
+
 MatrixXd root_of_covariance(const MatrixXd& c) {
   const VectorXd scale = c.diagonal().cwiseMax(0.0).cwiseSqrt();
   const VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(inverse.asDiagonal() * c *
-                                                      inverse.asDiagonal());
+  const MatrixXd scaled = inverse.asDiagonal() * c * inverse.asDiagonal();
+  const Eigen::LLT<MatrixXd> triangle(scaled);  // (a tenth of the time, where it has full rank)
+  if (triangle.info() == Eigen::Success &&
+      triangle.matrixLLT().diagonal().minCoeff() > kSmallestPivotOfRoot)
+    return scale.asDiagonal() * MatrixXd(triangle.matrixL());
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(scaled);
   return scale.asDiagonal() * eigen.eigenvectors() *
          eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
 }

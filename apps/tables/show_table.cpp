@@ -102,6 +102,7 @@ std::string part_name(const std::string& parameter, size_t c, size_t size) {
                                         kLens = {"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"};
   const std::string kind = parameter.substr(parameter.rfind('/') + 1);
   if (size == 1) return "";
+  if (kind == "curve") return std::to_string(c);
   if (kind == "points") return std::to_string(c / 3) + "." + kPose[c % 3];
   const std::vector<std::string>& names = kind == "intrinsics"   ? kIntrinsics
                                           : kind != "distortion" ? kPose

@@ -85,7 +85,10 @@ std::vector<std::string> notes_of(const ResultToApply& result, const std::string
   for (const auto& [joint, model] : models.members()) {
     std::string numbers;
     for (const auto& [name, ignored] : models[joint].members())
-      if (name != "model") numbers += ", " + name + " = " + shortest(models[joint][name].number());
+      if (const Field value = models[joint][name]; name != "model")
+        numbers +=
+            ", " + name +
+            (value.node->kind == Node::Kind::sequence ? "" : " = " + shortest(value.number()));
     out.push_back("joint '" + joint + "': " + what + " cannot express its joint model (" +
                   models[joint]["model"].string() + numbers + "); this one has its offset only");
   }

@@ -36,7 +36,7 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
       out.joint_scales[j] = 1;
     for (size_t k = 0; k < out.joint_further[j].size(); ++k)
       out.joint_further[j][k] =
-          values(table.all[table.joint_offset[j] + 2 + static_cast<int>(k)].start);
+          values(table.all[table.joint_offset[j]].start + 2 + static_cast<int>(k));
   }
   const std::vector<int> unknown = unseen_poses(solution).open;
   const auto known_pose = [&](int parameter) -> std::optional<Pose> {
@@ -80,7 +80,7 @@ std::string key_of(const std::string& text) {
 /// What joint models add to scale and offset, which no URDF can express.
 struct BentJoint {
   std::string joint, model;
-  std::vector<std::pair<std::string, double>> numbers;  // the scale first
+  std::vector<std::pair<std::string, std::vector<double>>> numbers;  // the scale first
 };
 
 std::vector<BentJoint> bent_joints(const Solution& solution) {
@@ -89,14 +89,12 @@ std::vector<BentJoint> bent_joints(const Solution& solution) {
   const ParameterTable& table = solution.table();
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (table.joint_offset[j] < 0 || rig.joints[j].model->size() == 2) continue;
-    const JointModel& model = *rig.joints[j].model;
-    out.push_back({rig.tree.joints[j].name,
-                   model.name(),
-                   {{"scale", solution.values.shared(table.all[table.joint_scale[j]].start)}}});
-    const std::vector<JointNumber> further = model.extra_parameters();
-    for (size_t k = 0; k < further.size(); ++k) {
-      const Parameter& p = table.all[table.joint_offset[j] + 2 + static_cast<int>(k)];
-      out.back().numbers.push_back({further[k].name, solution.values.shared(p.start)});
+    out.push_back({rig.tree.joints[j].name, rig.joints[j].model->name(), {}});
+    for (int k = table.joint_scale[j]; k < table.joint_origin[j]; ++k) {
+      const Parameter& p = table.all[k];
+      const double* values = solution.values.shared.data() + p.start;
+      out.back().numbers.push_back(
+          {p.name.substr(p.name.rfind('/') + 1), {values, values + p.size()}});
     }
   }
   return out;
@@ -113,6 +111,12 @@ std::string list_of(const std::string& text) {  // "1 2 3" -> "[1, 2, 3]"
     }
     gap = blank;
   }
+  return out + "]";
+}
+
+std::string list_of(const std::vector<double>& values) {
+  std::string out;
+  for (const double value : values) out += (out.empty() ? "[" : ", ") + shortest(value);
   return out + "]";
 }
 
@@ -180,8 +184,8 @@ std::string changes_text(const RigFile& rig_file, const UrdfChanges& changes,
   if (!bent.empty()) out += "joint_models:  # robot.urdf has their offsets only\n";
   for (const BentJoint& b : bent) {
     out += "  " + key_of(b.joint) + ": {model: " + yaml_text(b.model);
-    for (const auto& number : b.numbers)
-      out += ", " + number.first + ": " + shortest(number.second);
+    for (const auto& [name, values] : b.numbers)
+      out += ", " + name + ": " + (values.size() > 1 ? list_of(values) : shortest(values[0]));
     out += "}\n";
   }
   return out;
@@ -234,7 +238,8 @@ Json robot_json(const Rig& rig, const RobotModel& model, const UrdfChanges& chan
                                     {"written", options.write_reduction}};
   for (const BentJoint& b : bent) {
     Json& one = robot["joint_models"][b.joint] = {{"model", b.model}};
-    for (const auto& number : b.numbers) one[number.first] = number.second;
+    for (const auto& [name, values] : b.numbers)
+      one[name] = values.size() > 1 ? Json(values) : Json(values[0]);
   }
   return robot;
 }

@@ -416,17 +416,20 @@ void read_joint_models(const Field& field, const Tree& tree, const JointModels& 
     }
     for (int j : matching(entry, member.first, names_of(tree.joints))) settings[j].model = model;
   }
-  for (JointSettings& joint : settings)
-    for (const JointNumber& number : joint.model->extra_parameters())
-      joint.further.push_back(number.value);
+  for (JointSettings& joint : settings) joint.further = further_values(joint);
 }
 
 /// Reads the further numbers of a joint's model. Those of other models are errors.
 void read_further(const Field& entry, const std::string& joint, const JointModels& models,
                   JointSettings& settings) {
   const std::vector<JointNumber> numbers = settings.model->extra_parameters();
-  for (size_t k = 0; k < numbers.size(); ++k)
-    if (entry.has(numbers[k].name)) settings.further[k] = entry[numbers[k].name].number();
+  auto value = settings.further.begin();
+  for (const JointNumber& number : numbers) {
+    if (entry.has(number.name) && number.count == 1) *value = entry[number.name].number();
+    if (entry.has(number.name) && number.count > 1)
+      for (int i = 0; i < number.count; ++i) value[i] = entry[number.name].vector(number.count)[i];
+    value += number.count;
+  }
   for (const auto& model : models)
     for (const JointNumber& other : model->extra_parameters())
       if (entry.has(other.name) &&
@@ -463,10 +466,6 @@ Urdf read_flange_robot(const Field& robot, const std::string& path) {
     robot.fail(e.what());
   }
 }
-
-}  // namespace
-
-namespace {
 
 /// `joints: {topic: /joint_states, prefix: left_}` says where recordings have readings, and what
 /// stands before their names; a joint of that name has a mapping.

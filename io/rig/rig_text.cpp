@@ -102,10 +102,14 @@ bool same(const JointSettings& a, const JointSettings& b) {
 void set_model(Node& entry, const JointSettings& given, const JointSettings& now) {
   const bool other = given.model != now.model;
   if (other) member(entry, "model") = text_node(now.model->name());
-  const std::vector<JointNumber> numbers = now.model->extra_parameters();
-  for (size_t k = 0; k < numbers.size(); ++k)
-    if (other || given.further[k] != now.further[k])
-      member(entry, numbers[k].name) = number_node(now.further[k]);
+  size_t k = 0;
+  for (const JointNumber& number : now.model->extra_parameters()) {
+    const double* values = now.further.data() + k;
+    if (other || !std::equal(values, values + number.count, given.further.data() + k))
+      member(entry, number.name) =
+          number.count == 1 ? number_node(*values) : list_node(values, number.count);
+    k += number.count;
+  }
 }
 
 /// What changed of one joint into its own entry.
@@ -233,9 +237,7 @@ RigValues values_of(const Rig& rig) {
     values.joint_scales.push_back(joint.scale);
     values.joint_sigmas.push_back(joint.sigma);
     values.joint_models.push_back(joint.model);
-    values.joint_further.emplace_back();
-    for (const JointNumber& number : further_numbers(joint))
-      values.joint_further.back().push_back(number.value);
+    values.joint_further.push_back(further_values(joint));
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(given_pose(sensor, sensor.link_T_sensor));

@@ -82,8 +82,8 @@ std::vector<std::string> held_on_path(const Solution& solution, const Frame& fra
     path_parameters.push_back(table.joint_origin[step.joint]);
     if (!rig.tree.joints[step.joint].moves()) continue;
     const int d = driver(rig.tree, step.joint).joint;
-    for (int k = 0; k < rig.joints[d].model->size(); ++k)
-      path_parameters.push_back(table.joint_offset[d] + k);
+    for (int p = table.joint_offset[d]; p < table.joint_origin[d]; ++p)
+      path_parameters.push_back(p);
   }
   if (frame.pose >= 0) path_parameters.push_back(frame.pose);
   std::vector<std::string> out;
@@ -201,10 +201,6 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
     columns[unknowns.columns[c].parameter].push_back(
         {unknowns.columns[c].index, static_cast<int>(c)});
   out.by_unknowns.setZero(6, static_cast<Eigen::Index>(unknowns.columns.size()));  // twists first
-  const auto add_twist = [&](int parameter, const Vector6d& twist) {
-    const auto found = columns.find(parameter);
-    if (found != columns.end()) out.by_unknowns.col(found->second[0].second) += twist;
-  };
   const auto add_pose = [&](int parameter, double direction, const Pose& a_T_pose) {
     const auto found = columns.find(parameter);
     if (found == columns.end()) return;
@@ -227,8 +223,13 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
       const JointModel& model = *rig.joints[d.joint].model;
       const double* own = robot.own_numbers(d.joint);
       const double reading = readings[d.joint];
-      for (int k = 0; k < model.size(); ++k)
-        add_twist(table.joint_offset[d.joint] + k, model.by_own(k, reading, own) * twist);
+      int first = 0;  // own number of the parameter's first component
+      for (int p = table.joint_offset[d.joint]; p < table.joint_origin[d.joint]; ++p) {
+        if (const auto found = columns.find(p); found != columns.end())
+          for (const auto& [number, column] : found->second)
+            out.by_unknowns.col(column) += model.by_own(first + number, reading, own) * twist;
+        first += table.all[p].size();
+      }
       const double sigma = rig.joints[d.joint].sigma;
       if (sigma > 0)
         by_reading.emplace(d.joint, Vector6d::Zero()).first->second +=

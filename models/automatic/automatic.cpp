@@ -8,12 +8,12 @@
 #include <set>
 #include <stdexcept>
 
-#include "../../solver/observability.h"
 #include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
+#include "curves.h"
 #include "guessed_noise.h"
-#include "widths.h"
+#include "width_problem.h"
 
 namespace kincal {
 namespace {
@@ -169,84 +169,6 @@ void put_back(const ParameterTable& table, const VectorXd& initial,
   }
 }
 
-/// How far a component is from where it counts from.
-double value_of(const ParameterTable& table, const VectorXd& initial, const VectorXd& shared,
-                const Component& c) {
-  const Parameter& p = table.all[c.parameter];
-  if (!p.pose) return shared(p.start + c.index) - initial(p.start + c.index);
-  return log_se3(inverse(get_pose(initial, p.start)) * get_pose(shared, p.start))(c.index);
-}
-
-/// Group (-1: none, its prior stays) and starting width of every number that has a prior.
-std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroups& groups) {
-  std::map<Component, std::pair<int, double>> out;
-  for (size_t g = 0; g < groups.groups.size(); ++g)
-    for (const Member& m : groups.groups[g].members)
-      out[m.component] = {static_cast<int>(g), m.start};
-  for (const Member& m : groups.stated) out[m.component] = {-1, m.start};
-  return out;
-}
-
-/// The data's problem at a fit, without what is assumed.
-struct DataProblem {
-  std::shared_ptr<Estimation> problem;
-  VectorXd state;
-};
-
-DataProblem data_problem(const Recording& recording, const Fit& fit,
-                         const AutomaticGroups& groups) {
-  EstimationSetup setup = fit.problem->setup();
-  setup.priors.clear();
-  for (const WidthGroup& group : groups.groups)  // what the fit held counts as well
-    for (const Member& m : group.members)
-      merge(setup.free, {{m.component.parameter, {m.component.index}}});
-  DataProblem out;
-  out.problem = std::make_shared<Estimation>(recording, recording.training(), setup);
-  out.state = out.problem->pack(fit.values);
-  out.problem->renew(out.state);
-  out.problem->prepare(out.state);
-  return out;
-}
-
-/// Its quadratic model.
-FitWidths width_problem(const Recording& recording, const DataProblem& at, const Fit& fit,
-                        const AutomaticGroups& groups) {
-  Estimation& data = *at.problem;
-  const VectorXd& state = at.state;
-  const std::vector<Component>& columns = data.columns();
-  const auto n = static_cast<Eigen::Index>(columns.size());
-  WidthProblem out{MatrixXd::Zero(n, n),
-                   VectorXd::Zero(n),
-                   VectorXd::Zero(n),
-                   VectorXd::Zero(n),
-                   std::vector<int>(columns.size(), -1),
-                   static_cast<int>(groups.groups.size())};
-  MatrixXd rows;
-  long rank = 0;
-  for (size_t g = 0; g < data.groups().size(); ++g) {
-    const GroupShape& shape = data.groups()[g];
-    data.square_root(static_cast<int>(g), state, 0, rows);
-    const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
-    const auto m = static_cast<Eigen::Index>(shape.columns.size());
-    const MatrixXd gram = left.transpose() * left;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      out.gradient(shape.columns[i]) += gram(i, m);
-      for (Eigen::Index j = 0; j < m; ++j)
-        out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
-    }
-  }
-  const auto members = starting_widths(groups);
-  for (size_t i = 0; i < columns.size(); ++i) {
-    const auto found = members.find(columns[i]);
-    if (found == members.end()) continue;
-    const auto k = static_cast<Eigen::Index>(i);
-    out.group[i] = found->second.first;
-    out.start(k) = found->second.second;
-    out.at(k) = value_of(recording.table, data.initial(), fit.values.shared, columns[i]);
-  }
-  return {std::move(out), columns};
-}
-
 /// What rounds of fits and widths found.
 struct Learned {
   Outcome outcome = Outcome::converged;
@@ -256,6 +178,7 @@ struct Learned {
   Widths widths;
   std::vector<UncheckedScale> unchecked;
   std::vector<OtherModel> other_models;
+  std::vector<int> curves;  // joints that there is evidence for an error curve of
   std::shared_ptr<const Recording> recording;  // with the noise that was found
 };
 
@@ -268,7 +191,8 @@ void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGro
   if (!groups.gears.empty()) {
     AutomaticGroups all = groups;
     all.groups.push_back({"gears", groups.gears, {}});
-    with = width_problem(recording, data_problem(recording, fit, all), fit, all);
+    with = width_problem(recording, data_problem(recording, fit.problem->setup(), fit.values, all),
+                         all);
     factor.conservativeResize(factor.size() + 1);
     factor(factor.size() - 1) = 1;
     const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
@@ -317,8 +241,8 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     out.outcome = done.summary.outcome;
     if (!done.defined()) return out;
     out.values = done.values;
-    const DataProblem data = data_problem(recording, done, groups);
-    FitWidths found = width_problem(recording, data, done, groups);
+    const DataProblem data = data_problem(recording, done.problem->setup(), done.values, groups);
+    FitWidths found = width_problem(recording, data, groups);
     out.columns = std::move(found.columns);
     out.problem = std::move(found.problem);
     out.widths = learn_widths(out.problem, factor, kWidthRounds);
@@ -332,6 +256,9 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     const double moved = move_noise(*data.problem, data.state, out.problem, factor, next);
     if (moved < kNoiseAtRest || pass + 1 >= kNoiseRounds) {
       judge_scales(recording, done, groups, out);
+      options.progress.stage("error curves of joints");
+      out.curves =
+          joints_with_curves(recording, done.problem->setup(), done.values, groups, factor);
       return out;
     }
     out.recording = std::move(next);
@@ -455,6 +382,24 @@ CalibrationOptions plain(const AutomaticOptions& options) {
   return out;
 }
 
+/// A calibration, and the joints that an error curve would explain more of.
+struct Calibrated {
+  AutomaticCalibration found;
+  std::vector<int> curves;
+};
+
+Calibrated calibrate_groups(const Recording& given, const AutomaticOptions& options);
+
+/// Of joints with an error curve those that it was kept of.
+std::vector<int> kept_curves(const AutomaticCalibration& found, const std::vector<int>& joints) {
+  std::vector<int> out;
+  for (const int j : joints)
+    for (const AutomaticGroup& group : found.groups)
+      if (group.name == "curve/" + found.solution.rig().tree.joints[j].name && !group.held)
+        out.push_back(j);
+  return out;
+}
+
 }  // namespace
 
 std::vector<NominalValue> nominal_values(const Solution& solution) {
@@ -503,6 +448,27 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
 
 AutomaticCalibration calibrate_automatically(const Recording& given,
                                              const AutomaticOptions& options) try {
+  Calibrated rigid = calibrate_groups(given, options);
+  for (std::vector<int> joints = rigid.curves; !joints.empty();) {
+    Calibrated curved = calibrate_groups(*with_curves(given, joints), options);
+    if (!curved.found.solution.usable()) break;
+    std::vector<int> kept = kept_curves(curved.found, joints);
+    if (kept.size() == joints.size()) return std::move(curved.found);
+    joints = std::move(kept);
+  }
+  return std::move(rigid.found);
+} catch (const Cancelled&) {
+  AutomaticCalibration out;
+  out.solution.recording = make_recording(given);
+  out.solution.initial = out.solution.values.shared = given.table.initial;
+  out.solution.status = Status::cancelled;
+  out.solution.message = "cancelled";
+  return out;
+}
+
+namespace {
+
+Calibrated calibrate_groups(const Recording& given, const AutomaticOptions& options) {
   AutomaticCalibration out;
   std::shared_ptr<const Recording> now = with_guessed_noise(given, options.noise);
   const Recording& recording = *now;
@@ -528,11 +494,11 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     out.gauges = fix_gauges(recording, solution.initial, groups, solution.values.shared);
   }
   const StepPlan plan = resolve_steps(*at_start(), run).back();
-  if (plan.name != kEverything || solution.status == Status::undefined_start) return out;
+  if (plan.name != kEverything || solution.status == Status::undefined_start) return {out, {}};
   const Learned learned = learn(recording, plan, groups, options, solution);
   if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
     solution = uncancelled(calibrate(at_start(), run));  // says what is wrong
-    return out;
+    return {out, {}};
   }
   options.progress.stage("what there is evidence for");
   const Selection selection = hold(learned.problem, learned.widths);
@@ -559,7 +525,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     solution = uncancelled(calibrate(final, run, variations));
   }
   solution.replaced_starts = mounts.replaced_starts;
-  if (!solution.usable() && solution.status != Status::not_converged) return out;
+  if (!solution.usable() && solution.status != Status::not_converged) return {out, {}};
   solution.prediction = prediction_of(groups, learned, selection);
   out.other_models =
       other_models(recording, {learned.problem, learned.columns}, learned.widths, solution.initial);
@@ -574,14 +540,9 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   out.groups = told(groups, learned, selection, solution);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
-  return out;
-} catch (const Cancelled&) {
-  AutomaticCalibration out;
-  out.solution.recording = make_recording(given);
-  out.solution.initial = out.solution.values.shared = given.table.initial;
-  out.solution.status = Status::cancelled;
-  out.solution.message = "cancelled";
-  return out;
+  return {std::move(out), learned.curves};
 }
+
+}  // namespace
 
 }  // namespace kincal

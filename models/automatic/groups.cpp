@@ -220,8 +220,11 @@ void GroupMaker::make_joints() {
       add(slides ? "slides" : "offsets", offset, 0);
       add("gears", scale, 0);
     }
-    for (int k = 2; k < rig_.joints[j].model->size(); ++k)
-      if (used_[offset + k]) add("shapes", offset + k, 0);
+    if (!slides && !scans[j] && used_[offset] && rig_.joints[j].model == linear_joint())
+      out_.groups.push_back({"curve/" + rig_.tree.joints[j].name, {}, {}});
+    for (int p = offset + 2; p < table_.joint_origin[j]; ++p)
+      for (int c = 0; used_[p] && c < table_.all[p].size(); ++c)
+        add(table_.all[p].size() == 1 ? "shapes" : "curve/" + rig_.tree.joints[j].name, p, c);
   }
 }
 
@@ -424,11 +427,18 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   const std::vector<char> with = chosen(out.groups, choice.with, "group"),
                           without = chosen(out.groups, choice.without, "no_group");
   std::vector<WidthGroup> kept;
-  for (size_t g = 0; g < out.groups.size(); ++g)
-    if (!without[g] && (with[g] || out.groups[g].name != "gears"))
-      kept.push_back(std::move(out.groups[g]));
-    else if (!without[g])
-      out.gears = std::move(out.groups[g].members);
+  for (size_t g = 0; g < out.groups.size(); ++g) {
+    WidthGroup& group = out.groups[g];
+    if (without[g]) continue;
+    if (group.members.empty() && group.unseen.empty()) {  // a curve that is not there yet
+      const int joint = recording.rig.tree.find_joint(group.name.substr(group.name.find('/') + 1));
+      if (with[g]) out.curves.push_back(joint);
+    } else if (with[g] || group.name != "gears") {
+      kept.push_back(std::move(group));
+    } else {
+      out.gears = std::move(group.members);
+    }
+  }
   out.groups = std::move(kept);
   place_stated(recording, maker.used(), out);
   return out;

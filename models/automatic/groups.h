@@ -19,6 +19,8 @@
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
+//   curve/NAME                 of a joint that turns: its error over its angle, tried behind all
+//                              others (curves.h), only when asked for
 //   gears                      scales of all others; only when asked for
 //
 // A run is an unbranched row of joints. Of their origins all numbers are members but what moves
@@ -59,6 +61,7 @@ struct AutomaticGroups {
   std::vector<WidthGroup> groups;
   std::vector<Member> stated;  // with a prior in the rig, which is their width and stays
   std::vector<Member> gears;   // of the group that has this name, if it was not asked for
+  std::vector<int> curves;     // joints that an error curve was asked for (curves.h)
 };
 
 /// An UncheckedScale is a length that everything hangs on and nothing checks: readings of a sliding

@@ -16,7 +16,6 @@ constexpr double kLargestWidth = 2;  // of the widths that are weighed, in sprea
 constexpr int kGrid = 8;             // of them, to either side
 constexpr double kSmallestPivot = 1e-6;  // of H's factor, scaled: above rounding
 constexpr double kBeyondThree = 0.0027;  // share of normal errors beyond three sigmas
-constexpr double kEvidence = 3;          // log evidence that keeps a group
 constexpr double kResolved = 1e-3;       // share that is prior, below which only the mean counts
 constexpr double kDetermined = 0.1;      // share of a number that the data tell, to keep it
 
@@ -127,6 +126,7 @@ Posterior posterior(const WidthProblem& p, const VectorXd& factor, bool covarian
   for (Eigen::Index i = 0; i < prior.size(); ++i)
     if (prior(i) > 0) out.value(i) += p.at(i);
   out.variance = root.colwise().squaredNorm();
+  out.log_determinant = 2 * (scale.array().log().sum() - factorised.diagonal().array().log().sum());
   if (covariance) out.covariance = root.transpose() * root;
   return out;
 }
@@ -165,7 +165,7 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
 }
 
 double log_evidence(const WidthProblem& p, const VectorXd& factor) {
-  const Posterior at = posterior(p, factor, true);
+  const Posterior at = posterior(p, factor, false);
   if (!at.defined) return std::nan("");
   const VectorXd prior = precision(p, factor);
   VectorXd step = at.value;
@@ -176,8 +176,7 @@ double log_evidence(const WidthProblem& p, const VectorXd& factor) {
     log_priors += std::log(prior(i));
     from_priors += prior(i) * at.value(i) * at.value(i);
   }
-  return 0.5 * (log_priors + Scaled(at.covariance).log_determinant() - from_priors -
-                step.dot(p.normal * step)) -
+  return 0.5 * (log_priors + at.log_determinant - from_priors - step.dot(p.normal * step)) -
          p.gradient.dot(step);
 }
 

@@ -57,6 +57,8 @@ using Eigen::VectorXd;
 
 // Odds beforehand that a group's numbers are nominal: robots and lenses are hardly ever as drawn.
 constexpr double kNominal = 0.25;
+// The gain of log evidence from which a group is kept.
+constexpr double kEvidence = 3;
 
 struct WidthProblem {
   MatrixXd normal;         // N, n x n
@@ -68,10 +70,11 @@ struct WidthProblem {
 };
 
 struct Posterior {
-  bool defined = false;  // false: H is not positive definite, nothing else is set
-  VectorXd value;        // x; of unknowns without a prior the step
-  VectorXd variance;     // C's diagonal
-  MatrixXd covariance;   // C
+  bool defined = false;        // false: H is not positive definite, nothing else is set
+  VectorXd value;              // x; of unknowns without a prior the step
+  VectorXd variance;           // C's diagonal
+  double log_determinant = 0;  // of C
+  MatrixXd covariance;         // C
 };
 /// Returns the posterior at these factors, one a group; without the covariance unless it is asked
 /// for. It allocates.

@@ -289,9 +289,8 @@ void check_still_joints(const Recording& recording, const FreedNames& freed,
     if (samples < 2 || r.second.second - r.second.first > std::max(1e-6, 3 * rig.joints[j].sigma))
       continue;
     std::vector<std::string> names;
-    for (int k = 0; table.joint_offset[j] >= 0 && k < rig.joints[j].model->size(); ++k)
-      if (freed.parameter[table.joint_offset[j] + k])
-        names.push_back(table.all[table.joint_offset[j] + k].name);
+    for (int p = table.joint_offset[j]; p >= 0 && p < table.joint_origin[j]; ++p)
+      if (freed.parameter[p]) names.push_back(table.all[p].name);
     if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]])
       names.push_back(table.all[table.joint_origin[j]].name);
     if (names.empty()) continue;

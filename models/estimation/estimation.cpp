@@ -155,8 +155,8 @@ std::vector<char> Estimation::influencing() const {
         use(layout.table.joint_origin[step.joint]);
         if (!layout.rig.tree.joints[step.joint].moves()) continue;
         const int drv = driver(layout.rig.tree, step.joint).joint;
-        for (int n = 0; n < layout.rig.joints[drv].model->size(); ++n)
-          use(layout.table.joint_offset[drv] + n);
+        for (int p = layout.table.joint_offset[drv]; p < layout.table.joint_origin[drv]; ++p)
+          use(p);
       }
     }
   return used;

@@ -63,9 +63,11 @@ void Layout::place_sample(int index) {
     s.views.push_back({&view, nullptr});
   }
   if (s.views.empty()) return;
+  const std::vector<int> pieces = pieces_of(recorded[index]);
+  key.insert(key.end(), pieces.begin(), pieces.end());
   std::unique_ptr<SampleLayout>& layout = layouts[key];
   if (!layout) {
-    layout = std::make_unique<SampleLayout>(make_layout(s));
+    layout = std::make_unique<SampleLayout>(make_layout(s, pieces));
     for (ViewLayout& v : layout->views) v.sum = place_sum(v, layout->shape);
   }
   s.layout = layout.get();
@@ -83,9 +85,21 @@ const SensorModel& Layout::model_of(const Sensor& sensor) const {
   return point_form ? *point_form : *sensor.model;
 }
 
+/// By joint: the piece of its model that the reading is in, 0 where no further number is freed.
+std::vector<int> Layout::pieces_of(const Sample& sample) const {
+  std::vector<int> out(rig.joints.size(), 0);
+  for (size_t j = 0; j < out.size(); ++j)
+    if (table.joint_offset[j] >= 0 &&
+        std::any_of(freed.begin() + table.joint_offset[j] + 2,
+                    freed.begin() + table.joint_origin[j], [](const Freed* f) { return f; }))
+      out[j] = rig.joints[j].model->piece(sample.readings[j]);
+  return out;
+}
+
 /// The paths between sensors and targets, what the sample's private unknowns are, and all columns.
-SampleLayout Layout::make_layout(const PlacedSample& placed) const {
+SampleLayout Layout::make_layout(const PlacedSample& placed, std::vector<int> pieces) const {
   SampleLayout s;
+  s.pieces = std::move(pieces);
   for (const PlacedView& p : placed.views) {
     ViewLayout v;
     v.sensor_index = p.view->sensor;
@@ -244,12 +258,15 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
     if (!rig.tree.joints[j].moves()) continue;
     const Driver drv = driver(rig.tree, j);
     MotionColumns m{Source::joint_number, k, drv.factor, drv.joint};
-    for (int n = 0; n < rig.joints[drv.joint].model->size(); ++n) {
-      const int parameter = table.joint_offset[drv.joint] + n;
-      m.number = n;
-      if (!freed[parameter]) continue;
-      path.sensor_side = path.sensor_side || path.on_sensor_side(k) || k == path.scan_step;
-      add(m, place_of(places, first_column[parameter]));
+    int first = 0;  // own number of the parameter's first component
+    for (int p = table.joint_offset[drv.joint]; p < table.joint_origin[drv.joint]; ++p) {
+      for (size_t i = 0; freed[p] && i < freed[p]->components.size(); ++i) {
+        m.number = first + freed[p]->components[i];
+        if (!rig.joints[drv.joint].model->depends(m.number, s.pieces[drv.joint])) continue;
+        path.sensor_side = path.sensor_side || path.on_sensor_side(k) || k == path.scan_step;
+        add(m, place_of(places, first_column[p] + static_cast<int>(i)));
+      }
+      first += table.all[p].size();
     }
     if (k == path.scan_step || !(rig.joints[drv.joint].sigma > 0)) continue;
     path.sensor_side =

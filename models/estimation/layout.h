@@ -88,6 +88,7 @@ struct SampleLayout {
   std::vector<int> targets;  // free ones, in the order of their blocks
   std::vector<int> noisy;    // joints with an error unknown, in order
   std::vector<int> joints;   // joints whose motion some view needs
+  std::vector<int> pieces;   // by joint: of its model (JointModel::piece())
   GroupShape shape;
 
   int state_size() const { return static_cast<int>(12 * targets.size() + noisy.size()); }
@@ -164,7 +165,8 @@ struct Layout {
  private:
   void place_sample(int index);
   const SensorModel& model_of(const Sensor& sensor) const;
-  SampleLayout make_layout(const PlacedSample& placed) const;
+  std::vector<int> pieces_of(const Sample& sample) const;
+  SampleLayout make_layout(const PlacedSample& placed, std::vector<int> pieces) const;
   int place_path(SampleLayout& sample, const ViewLayout& v) const;
   GroupShape place_columns(SampleLayout& sample) const;
   void place_joints(SensorPath& path, const std::map<int, int>& places,

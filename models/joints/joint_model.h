@@ -33,6 +33,7 @@ struct JointNumber {
       0.05;  // standard deviation of how far it is off in a robot that nobody has calibrated
   double yardstick = 0;  // the sigma above which it counts as weakly determined; 0: 1 cm, 1 degree,
                          // or 0.01, as its unit says
+  int count = 1;         // how many there are of this name and kind: components of the parameter
 };
 
 class JointModel {
@@ -42,7 +43,7 @@ class JointModel {
   virtual std::string name() const { return ""; }
   /// Returns the numbers behind offset and scale, in the order of `own`.
   virtual std::vector<JointNumber> extra_parameters() const { return {}; }
-  /// Returns how many own numbers there are, offset and scale included; at most kMaxJointNumbers.
+  /// Returns how many own numbers there are, offset and scale included.
   virtual int size() const { return 2; }
   /// Returns the position (rad or m) at a reading.
   virtual double position(double reading, const double* own) const = 0;
@@ -50,6 +51,11 @@ class JointModel {
   virtual double by_reading(double reading, const double* own) const = 0;
   /// Returns d position / d own number k.
   virtual double by_own(int k, double reading, const double* own) const = 0;
+  /// Returns which of several pieces of its range a reading is in, in each of which other numbers
+  /// count (depends()): what is far away costs nothing. 0 where all count everywhere.
+  virtual int piece(double /*reading*/) const { return 0; }
+  /// Returns whether the position depends on own number k in a piece.
+  virtual bool depends(int /*k*/, int /*piece*/) const { return true; }
   /// Returns the reading at which the joint has this position: what a simulated encoder says. It
   /// comes by Newton's method from the linear part; NaN where that does not converge.
   virtual double reading(double position, const double* own) const {
@@ -62,8 +68,6 @@ class JointModel {
     return std::nan("");
   }
 };
-
-constexpr int kMaxJointNumbers = 8;
 
 /// A LinearJoint has position = scale * reading + offset.
 class LinearJoint final : public JointModel {

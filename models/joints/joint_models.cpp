@@ -1,9 +1,11 @@
 #include "joint_models.h"
 
+#include "curve_joint.h"
+
 namespace kincal {
 
 const JointModels& joint_models() {
-  static const JointModels models = {linear_joint()};
+  static const JointModels models = {linear_joint(), std::make_shared<CurveJoint>()};
   return models;
 }
 

@@ -299,13 +299,31 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
             text("the data speak too little for their being off (log evidence %.1f, 3 is needed). ",
                  g.gain) +
             "To estimate them all the same, free each by name (`free`), as " + g.numbers[0].name);
-      } else if (!g.held && g.name != "gears") {
+      } else if (!g.held && g.name != "gears" && g.name.rfind("curve/", 0) != 0) {
         report.solution.without_effect.push_back(
             "`group` " + quoted(g.name) +
             " changes nothing: it is among those tried anyway, and was "
             "estimated");
       }
     }
+}
+
+/// A message where error curves were asked for and the data speak for none.
+void say_no_curves(const GroupChoice& choice, Report& report) {
+  const Rig& rig = report.solution.rig();
+  for (const std::string& name : choice.with) {
+    bool asked = false, found = false;
+    for (size_t j = 0; j < rig.joints.size(); ++j) {
+      const std::string curve = "curve/" + rig.tree.joints[j].name;
+      if (name != curve && !glob_matches(name, curve)) continue;
+      asked = true;
+      found = found || rig.joints[j].model != linear_joint();
+    }
+    if (asked && !found)
+      report.solution.without_effect.push_back(
+          "`group` " + quoted(name) +
+          " was asked for, yet the data do not speak for an error curve of any of these joints");
+  }
 }
 
 /// Whether the noise of a rig with steps is estimated: on demand, or as nobody states it.
@@ -337,6 +355,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (cannot_start(report.solution)) return recording;
     find_noise(options, calibration, report);
     say_groups_without_effect(options.groups, report);
+    say_no_curves(options.groups, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise || estimates_noise(given->rig, options)) {

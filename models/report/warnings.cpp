@@ -335,10 +335,10 @@ void warn_of_joint_models(const Solution& solution, Notices& out) {
     const double largest = largest_bend(solution, static_cast<int>(j));
     if (largest == 0) continue;
     std::string numbers;
-    for (int k = 2; k < rig.joints[j].model->size(); ++k) {
-      const Parameter& p = table.all[table.joint_offset[j] + k];
-      numbers +=
-          (numbers.empty() ? "" : ", ") + p.name + text(" = %.6g", solution.values.shared(p.start));
+    for (int k = table.joint_offset[j] + 2; k < table.joint_origin[j]; ++k) {
+      const Parameter& p = table.all[k];
+      numbers += (numbers.empty() ? "" : ", ") + p.name +
+                 (p.size() == 1 ? text(" = %.6g", solution.values.shared(p.start)) : "");
     }
     bent.push_back({Subject::joint(rig.tree.joints[j].name),
                     "joint '" + rig.tree.joints[j].name +

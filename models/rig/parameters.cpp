@@ -1,5 +1,6 @@
 #include "parameters.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "numbers.h"
@@ -20,12 +21,20 @@ ParameterKind kind_of_block(const std::string& name) {
   return ParameterKind::own_number;
 }
 
+/// Names of a joint number's components.
+std::vector<std::string> components_of(const JointNumber& number) {
+  std::vector<std::string> out(number.count);
+  for (int i = 0; number.count > 1 && i < number.count; ++i) out[i] = std::to_string(i);
+  return out;
+}
+
 }  // namespace
 
-std::vector<JointNumber> further_numbers(const JointSettings& joint) {
-  std::vector<JointNumber> out = joint.model->extra_parameters();
-  for (size_t k = 0; k < out.size() && k < joint.further.size(); ++k)
-    out[k].value = joint.further[k];
+std::vector<double> further_values(const JointSettings& joint) {
+  std::vector<double> out;
+  for (const JointNumber& number : joint.model->extra_parameters())
+    out.insert(out.end(), number.count, number.value);
+  std::copy_n(joint.further.begin(), std::min(joint.further.size(), out.size()), out.begin());
   return out;
 }
 
@@ -84,9 +93,13 @@ ParameterTable::ParameterTable(const Rig& rig)
           add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
       joint_scale[j] =
           add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
-      for (const JointNumber& n : further_numbers(settings)) {
+      const std::vector<double> further = further_values(settings);
+      auto value = further.begin();
+      for (const JointNumber& n : settings.model->extra_parameters()) {
         Parameter& p =
-            all[add(ParameterKind::joint_shape, j, prefix + n.name, {""}, {n.unit}, {n.value})];
+            all[add(ParameterKind::joint_shape, j, prefix + n.name, components_of(n),
+                    std::vector<std::string>(n.count, n.unit), {value, value + n.count})];
+        value += n.count;
         p.usual_error = n.usual_error;
         p.yardstick = n.yardstick;
       }
@@ -161,10 +174,10 @@ Rig centred(Rig rig) {
           break;
         case ParameterKind::joint_shape: {
           JointSettings& joint = rig.joints[p.owner];
-          std::vector<double> values;
-          for (const JointNumber& number : further_numbers(joint)) values.push_back(number.value);
-          values[p.start - table.all[table.joint_offset[p.owner] + 2].start] = nominal.numbers[0];
-          joint.further = values;
+          joint.further = further_values(joint);
+          const int first = table.all[table.joint_offset[p.owner] + 2].start;
+          std::copy(nominal.numbers.begin(), nominal.numbers.end(),
+                    joint.further.begin() + (p.start - first));
           break;
         }
         case ParameterKind::square:

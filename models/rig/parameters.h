@@ -76,8 +76,8 @@ struct ParameterTable {
   VectorXd initial;  // the rig's values
   // Indices into `all`, -1 where there is none.
   std::vector<int> joint_offset, joint_scale,
-      joint_origin;  // by joint; the numbers of a joint's model follow each other from the offset
-                     // on
+      joint_origin;  // by joint; the parameters of a joint's model are those from the offset on,
+                     // up to its origin
   std::vector<int> sensor_pose;   // by sensor
   std::vector<int> sensor_block;  // by sensor: its first own block; blocks follow one another
   std::vector<int> target_pose, target_square, target_warp, target_points;  // by target
@@ -111,8 +111,8 @@ struct ParameterTable {
   std::vector<char> has_pose_;  // by link: a sensor or mounted target stands on it
 };
 
-/// Returns the numbers of a joint's model beyond offset and scale, with the rig's initial values.
-std::vector<JointNumber> further_numbers(const JointSettings& joint);
+/// Returns the rig's initial values of the numbers of a joint's model beyond offset and scale.
+std::vector<double> further_values(const JointSettings& joint);
 
 /// Returns the block of a sensor's own numbers that is intrinsics, distortion or baseline; null if
 /// it has none.

@@ -31,7 +31,7 @@ struct JointSettings {
   double offset = 0, scale = 1;  // initial values of the model's first two numbers
   std::shared_ptr<const JointModel> model = linear_joint();
   std::vector<double> further = {};  // initial values of its further numbers; of those that are
-                                     // missing the model's own (further_numbers())
+                                     // missing the model's own (further_values())
   double noise_guess = 0;  // nobody states the noise: the automatic path estimates it, from this
                            // on; 0: it is stated
 };

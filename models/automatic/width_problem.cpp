@@ -1,0 +1,76 @@
+#include "width_problem.h"
+
+#include "../../solver/observability.h"
+
+namespace kincal {
+
+double value_of(const ParameterTable& table, const VectorXd& initial, const VectorXd& shared,
+                const Component& c) {
+  const Parameter& p = table.all[c.parameter];
+  if (!p.pose) return shared(p.start + c.index) - initial(p.start + c.index);
+  return log_se3(inverse(get_pose(initial, p.start)) * get_pose(shared, p.start))(c.index);
+}
+
+std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroups& groups) {
+  std::map<Component, std::pair<int, double>> out;
+  for (size_t g = 0; g < groups.groups.size(); ++g)
+    for (const Member& m : groups.groups[g].members)
+      out[m.component] = {static_cast<int>(g), m.start};
+  for (const Member& m : groups.stated) out[m.component] = {-1, m.start};
+  return out;
+}
+
+DataProblem data_problem(const Recording& recording, const EstimationSetup& fitted,
+                         const Values& values, const AutomaticGroups& groups) {
+  EstimationSetup setup = fitted;
+  setup.priors.clear();
+  for (const WidthGroup& group : groups.groups)
+    for (const Member& m : group.members)
+      merge(setup.free, {{m.component.parameter, {m.component.index}}});
+  DataProblem out;
+  out.problem = std::make_shared<Estimation>(recording, recording.training(), setup);
+  out.state = out.problem->pack(values);
+  out.problem->renew(out.state);
+  out.problem->prepare(out.state);
+  return out;
+}
+
+FitWidths width_problem(const Recording& recording, const DataProblem& at,
+                        const AutomaticGroups& groups) {
+  Estimation& data = *at.problem;
+  const VectorXd& state = at.state;
+  const std::vector<Component>& columns = data.columns();
+  const auto n = static_cast<Eigen::Index>(columns.size());
+  WidthProblem out{MatrixXd::Zero(n, n),
+                   VectorXd::Zero(n),
+                   VectorXd::Zero(n),
+                   VectorXd::Zero(n),
+                   std::vector<int>(columns.size(), -1),
+                   static_cast<int>(groups.groups.size())};
+  MatrixXd rows;
+  long rank = 0;
+  for (size_t g = 0; g < data.groups().size(); ++g) {
+    const GroupShape& shape = data.groups()[g];
+    data.square_root(static_cast<int>(g), state, 0, rows);
+    const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
+    const auto m = static_cast<Eigen::Index>(shape.columns.size());
+    const MatrixXd gram = left.transpose() * left;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      out.gradient(shape.columns[i]) += gram(i, m);
+      for (Eigen::Index j = 0; j < m; ++j)
+        out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
+    }
+  }
+  const auto members = starting_widths(groups);
+  for (size_t i = 0; i < columns.size(); ++i) {
+    const auto found = members.find(columns[i]);
+    if (found == members.end()) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    out.group[i] = found->second.first;
+    out.start(k) = found->second.second;
+    out.at(k) = value_of(recording.table, data.initial(), state, columns[i]);
+  }
+  return {std::move(out), columns};
+}
+
+}  // namespace kincal

@@ -1,0 +1,36 @@
+// The data's quadratic model that widths are learned from (widths.h), at a fit.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "../estimation/estimation.h"
+#include "unchecked_scales.h"
+
+namespace kincal {
+
+/// Returns how far a component is from where it counts from.
+double value_of(const ParameterTable& table, const VectorXd& initial, const VectorXd& shared,
+                const Component& component);
+
+/// Returns group (-1: none, its prior stays) and starting width of every number that has a prior.
+std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroups& groups);
+
+/// The data's problem at a fit, without what is assumed.
+struct DataProblem {
+  std::shared_ptr<Estimation> problem;
+  VectorXd state;
+};
+
+/// Returns it, prepared there, with all members of the groups free: what the fit held counts as
+/// well. `fitted` is the fit's setup.
+DataProblem data_problem(const Recording& recording, const EstimationSetup& fitted,
+                         const Values& values, const AutomaticGroups& groups);
+
+/// Returns its quadratic model.
+FitWidths width_problem(const Recording& recording, const DataProblem& at,
+                        const AutomaticGroups& groups);
+
+}  // namespace kincal
