@@ -90,8 +90,9 @@ std::vector<int> joints_with_curves(const Recording& recording, const Estimation
   for (const int j : groups.curves) {
     WidthGroup curve{"curve/" + recording.rig.tree.joints[j].name, {}, {}};
     const int parameter = to.joint_offset[j] + 2;
+    const std::vector<char> seen = numbers_seen(recording.samples, j, *curved->rig.joints[j].model);
     for (int c = 0; c < to.all[parameter].size(); ++c)
-      curve.members.push_back({{parameter, c}, to.all[parameter].usual_error});
+      if (seen[2 + c]) curve.members.push_back({{parameter, c}, to.all[parameter].usual_error});
     all.groups.push_back(std::move(curve));
   }
   Values at = values;

@@ -84,17 +84,19 @@ class GroupMaker {
   std::map<int, std::string> runs() const;
   bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
   void add(const std::string& group, int parameter, int component);
-  void add(const std::string& group, int parameter, int component, double start);
+  void add(const std::string& group, int parameter, int component, double start, bool seen = true);
 
   const Rig& rig_;
   const ParameterTable& table_;
+  const std::vector<Sample>& recorded_;
   std::vector<const Sample*> samples_;  // of the training: held-out ones decide nothing
   std::vector<char> used_;              // by parameter: some measurement depends on it
   std::vector<char> carries_;  // by joint: it stands between the base and a sensor or target
   AutomaticGroups out_;
 };
 
-GroupMaker::GroupMaker(const Recording& recording) : rig_(recording.rig), table_(recording.table) {
+GroupMaker::GroupMaker(const Recording& recording)
+    : rig_(recording.rig), table_(recording.table), recorded_(recording.samples) {
   for (const int i : recording.training()) samples_.push_back(&recording.samples[i]);
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
@@ -196,11 +198,13 @@ void GroupMaker::add(const std::string& group, int parameter, int component) {
   add(group, parameter, component, scales(table_, {parameter, component}, table_.initial).width);
 }
 
-void GroupMaker::add(const std::string& group, int parameter, int component, double start) {
+void GroupMaker::add(const std::string& group, int parameter, int component, double start,
+                     bool seen) {
   auto found = std::find_if(out_.groups.begin(), out_.groups.end(),
                             [&](const WidthGroup& g) { return g.name == group; });
   if (found == out_.groups.end()) found = out_.groups.insert(found, {group, {}, {}});
-  (used_[parameter] ? found->members : found->unseen).push_back({{parameter, component}, start});
+  (used_[parameter] && seen ? found->members : found->unseen)
+      .push_back({{parameter, component}, start});
 }
 
 void GroupMaker::make_joints() {
@@ -222,9 +226,14 @@ void GroupMaker::make_joints() {
     }
     if (!slides && !scans[j] && used_[offset] && rig_.joints[j].model == linear_joint())
       out_.groups.push_back({"curve/" + rig_.tree.joints[j].name, {}, {}});
+    const std::vector<char> seen =
+        numbers_seen(recorded_, static_cast<int>(j), *rig_.joints[j].model);
+    size_t number = 2;
     for (int p = offset + 2; p < table_.joint_origin[j]; ++p)
-      for (int c = 0; used_[p] && c < table_.all[p].size(); ++c)
-        add(table_.all[p].size() == 1 ? "shapes" : "curve/" + rig_.tree.joints[j].name, p, c);
+      for (int c = 0; c < table_.all[p].size(); ++c, ++number)
+        if (used_[p])
+          add(table_.all[p].size() == 1 ? "shapes" : "curve/" + rig_.tree.joints[j].name, p, c,
+              table_.all[p].usual_error, seen[number]);
   }
 }
 
@@ -402,6 +411,18 @@ void place_stated(const Recording& recording, const std::vector<char>& used, Aut
 }
 
 }  // namespace
+
+std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
+                               const JointModel& model) {
+  std::set<int> pieces;
+  for (const Sample& s : samples)
+    if (s.train && !std::isnan(s.readings[joint])) pieces.insert(model.piece(s.readings[joint]));
+  std::vector<char> out(model.size(), 0);
+  for (int k = 0; k < model.size(); ++k)
+    out[k] = std::any_of(pieces.begin(), pieces.end(),
+                         [&](int piece) { return model.depends(k, piece); });
+  return out;
+}
 
 Rig with_pair_poses(Rig rig) {
   std::set<int> taken;  // joints that stand for a pair's pose

@@ -78,6 +78,11 @@ struct GroupChoice {
   std::vector<std::string> with, without;
 };
 
+/// Returns by own number of a joint model whether the position of a joint depends on it in some
+/// training sample.
+std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
+                               const JointModel& model);
+
 /// Returns whether two cameras are one thing, a rectified pair: on the same link, in the same
 /// place, with another baseline.
 bool is_pair(const Rig& rig, int a, int b);
