@@ -53,7 +53,7 @@ struct Curved : OpenRecording {
     return table.select("joint/" + joint + "/curve").at(0).parameter;
   }
   static Rig make_rig() {
-    Rig rig = nasty_rig();
+    Rig rig = nasty_robot();
     for (const char* joint : {"elbow", "turn"})
       rig.joints[joint_index(rig, joint)].model = find_joint_model(joint_models(), "curve");
     return rig;
