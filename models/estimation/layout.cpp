@@ -262,7 +262,9 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
     for (int p = table.joint_offset[drv.joint]; p < table.joint_origin[drv.joint]; ++p) {
       for (size_t i = 0; freed[p] && i < freed[p]->components.size(); ++i) {
         m.number = first + freed[p]->components[i];
-        if (!rig.joints[drv.joint].model->depends(m.number, s.pieces[drv.joint])) continue;
+        if (k != path.scan_step &&  // whose readings are the view's points
+            !rig.joints[drv.joint].model->depends(m.number, s.pieces[drv.joint]))
+          continue;
         path.sensor_side = path.sensor_side || path.on_sensor_side(k) || k == path.scan_step;
         add(m, place_of(places, first_column[p] + static_cast<int>(i)));
       }

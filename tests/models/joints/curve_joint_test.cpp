@@ -1,17 +1,15 @@
-// models/joints/curve_joint.h, and that estimation and frames take a curve's numbers where they
-// count.
+// models/joints/curve_joint.h, and that estimation takes a curve's numbers where they count.
 //
 // Proves: derivatives are those of position(); a turn further the error is the same; the numbers
 // that do not count in a piece of the range have no part in the position, those that do are four;
 // with the numbers of a function the curve is that function; every derivative of an Estimation
-// whose samples touch other numbers each, and those of a frame, entry by entry. What it is good
-// for: tests/program/curves_test.py.
+// whose samples touch other numbers each, column by column, one of them of a scanning joint. Does
+// not prove: derivatives of frames; what it is good for (tests/program/curves_test.py).
 #include "../../../models/joints/curve_joint.h"
 
 #include <catch2/catch.hpp>
 #include <cmath>
 
-#include "../../../models/analysis/frames.h"
 #include "../../../models/joints/joint_models.h"
 #include "../../fixtures/open_recording.h"
 #include "../../fixtures/random.h"
@@ -27,7 +25,7 @@ namespace {
 
 std::vector<double> random_numbers(Random& random) {
   std::vector<double> own = {random.uniform(-0.3, 0.3), random.uniform(0.8, 1.2)};
-  while (own.size() < 2 + CurveJoint::kValues) own.push_back(random.uniform(-0.1, 0.1));
+  while (own.size() < 2 + CurveJoint::kValues) own.push_back(random.uniform(-0.01, 0.01));
   return own;
 }
 
@@ -109,7 +107,7 @@ TEST_CASE("curve joint: its numbers are one parameter of many components") {
   CHECK(s.table.select("joint/elbow/curve.95").at(0).components == std::vector<int>{95});
 }
 
-TEST_CASE("curve joint: every derivative of an estimation and of a frame") {
+TEST_CASE("curve joint: every derivative of an estimation") {
   const Curved s;
   EstimationSetup setup;
   setup.noise = NoiseMode::none;
