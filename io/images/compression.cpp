@@ -96,7 +96,7 @@ double noise_before(const cv::Mat& image, const cv::Rect& box, const Compression
   for (size_t i = 0; i < flat; ++i)
     for (int u = 0; u < 8; ++u)
       for (int v = 0; v < 8; ++v) {
-        const double step = compression.steps[static_cast<size_t>(8 * v + u)];
+        const double step = compression.steps[static_cast<size_t>(v) * 8 + static_cast<size_t>(u)];
         if (u + v > kLow && step > 0)
           multiples.push_back({step, std::round(blocks[i].second(u, v) / step)});
       }

@@ -81,7 +81,7 @@ Print tags_print(const ImageTarget& target) {
     const int c = cell_of(x / pitch), r = cell_of(y / pitch);
     const double u = x - c * pitch, v = y - r * pitch;
     if (u >= 1 && v >= 1) return 0.0;
-    const size_t id = static_cast<size_t>(r * columns + c);
+    const size_t id = static_cast<size_t>(r) * columns + static_cast<size_t>(c);
     if (u >= 1 || v >= 1 || c < 0 || r < 0 || id >= bits.size()) return 1.0;
     return bit_at(bits[id], 1 - u, v);
   };

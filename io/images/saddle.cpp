@@ -153,7 +153,8 @@ std::array<double, 3> noise_products(const Patch& a, const Patch& b, const cv::P
       const Block one = block(a, left, top), other = block(b, left, top);
       for (int u = 0; u < 8; ++u)
         for (int v = 0; v < 8; ++v) {
-          const double step = noise.compression.steps[static_cast<size_t>(8 * v + u)];
+          const double step =
+              noise.compression.steps[static_cast<size_t>(v) * 8 + static_cast<size_t>(u)];
           const double variance = white + step * step / 12;
           out[0] += variance * one(u, v) * one(u, v);
           out[1] += variance * one(u, v) * other(u, v);
