@@ -1,4 +1,4 @@
-// What all pictures together say of the rig: a target that none shows and what is there instead, a
+// What all pictures together say of the rig: a target that none shows, and the one there instead, a
 // board that is not flat, another size of all images.
 #pragma once
 

@@ -21,7 +21,7 @@ struct Compression {
   bool any() const { return steps[0] > 0; }
 };
 
-/// Returns the steps of brightness that the bytes of a JPEG name; none of what is no JPEG.
+/// Returns the steps of brightness that the bytes of a JPEG name; none where they are not a JPEG.
 Compression compression_of(std::string_view bytes);
 
 /// A Block is 8 x 8 numbers, or their coefficients: (x or u, y or v).

@@ -142,7 +142,7 @@ std::vector<Detection> detect_boards(const cv::Mat& image, const ImageTarget& ta
   std::vector<Detection> out;
   std::vector<PlaneView> views;
   cv::Mat rest = image;
-  const size_t most = count + 2;  // what is left of a board may be found again
+  const size_t most = count + 2;  // the rest of a board may be found again
   for (size_t look = 0; out.size() < count; ++look) {
     Detection found = detect(rest, target, compression);
     if (found.ids.empty() || look == most) {

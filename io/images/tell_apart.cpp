@@ -23,7 +23,7 @@ constexpr size_t kMostEqual = 6;  // targets: of so many all ways are tried
 
 /// A Lineup is what one picture may show of targets of one print, as the robot has them.
 struct Lineup {
-  std::vector<size_t> places;  // in the picture's list of what is wanted
+  std::vector<size_t> places;  // in the picture's list of wanted targets
   int sensor = -1;
   std::vector<int> targets;
   std::vector<int> turns;  // quarters after which the print is the same picture

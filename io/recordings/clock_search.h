@@ -9,7 +9,7 @@
 // are tried: a robot that goes from posture to posture in equal times rests alike after each.
 //
 // Rests that are paired wrongly do not fit each other: for each candidate samples are made,
-// calibrated, and what is left of the offset is estimated from the images on the ways (clocks.h).
+// calibrated, and the rest of the offset is estimated from the images on the ways (clocks.h).
 // That with the least chi2/dof is right if the offset is known there, noise explains its chi2/dof,
 // and the others have four times as much at least. Else none is known; then the stamps contradict
 // the motion if some other candidate agrees twice as well with it as they do.

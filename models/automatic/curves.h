@@ -1,6 +1,6 @@
 // Error curves of joints (joints/curve_joint.h) on the automatic path: which joints get one.
 //
-// What comes back at the same angle of a joint is no noise of its readings. At the fit without
+// An error that comes back at the same angle of a joint is not noise. At the fit without
 // curves, whose noise of the readings has them in it, the curve of each joint alone is freed with a
 // learned width (widths.h): the data's quadratic model says how much log evidence it gains. With
 // those that gain enough everything is calibrated again, noise and all, and those that lose their

@@ -18,7 +18,7 @@ double value_of(const ParameterTable& table, const VectorXd& initial, const Vect
 /// Returns group (-1: none, its prior stays) and starting width of every number that has a prior.
 std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroups& groups);
 
-/// The data's problem at a fit, without what is assumed.
+/// The data's problem at a fit, without priors.
 struct DataProblem {
   std::shared_ptr<Estimation> problem;
   VectorXd state;

@@ -181,7 +181,7 @@ class Detect(Case):
         for key, pixels in found.items():
             self.assertLess(numpy.abs(numpy.array(pixels) - true[key]).max(), 0.1, key)
         self.assertIn("one.pgm: near: NOT FOUND: of its print only another target's board is there", self.out)
-        # Readings that fit neither well: what is not told is left out.
+        # Readings that fit neither well: views that they cannot assign are left out.
         self.write("joints.csv", b"image,j\nboth.pgm,0\nturned.pgm,1.57\nmore.pgm,1.5\none.pgm,-1.6\n")
         self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
         self.assertEqual([s["id"] for s in self.samples()], ["both"])

@@ -1,8 +1,8 @@
-// models/joints/curve_joint.h, and that estimation takes a curve's numbers where they count.
+// models/joints/curve_joint.h, and that estimation takes a curve's values where they count.
 //
 // Proves: derivatives are those of position(); a turn further the error is the same; the numbers
 // that do not count in a piece of the range have no part in the position, those that do are four;
-// with the numbers of a function the curve is that function; every derivative of an Estimation
+// with the values of a function the curve is that function; every derivative of an Estimation
 // whose samples touch other numbers each, column by column, one of them of a scanning joint. Does
 // not prove: derivatives of frames; what it is good for (tests/program/curves_test.py).
 #include "../../../models/joints/curve_joint.h"
@@ -60,7 +60,7 @@ struct Curved : OpenRecording {
 
 }  // namespace
 
-TEST_CASE("curve joint: derivatives, period, and which numbers count where") {
+TEST_CASE("curve joint: derivatives, period, and which values count where") {
   Random random(1);
   const CurveJoint model;
   for (int n = 0; n < 40; ++n) {
@@ -89,7 +89,7 @@ TEST_CASE("curve joint: derivatives, period, and which numbers count where") {
   }
   CHECK(model.piece(std::nan("")) == 0);
 
-  std::vector<double> own = {0.01, 1};  // numbers of a slow wave are nearly its values
+  std::vector<double> own = {0.01, 1};  // a slow wave's values
   for (int k = 0; k < CurveJoint::kValues; ++k)
     own.push_back(0.002 * std::sin(3 * (2 * kPi * k / CurveJoint::kValues)));
   for (double q = -4; q < 4; q += 0.1)
@@ -97,7 +97,7 @@ TEST_CASE("curve joint: derivatives, period, and which numbers count where") {
           Approx(0.002 * std::sin(3 * q)).margin(0.002 * 0.007));
 }
 
-TEST_CASE("curve joint: its numbers are one parameter of many components") {
+TEST_CASE("curve joint: its values are one parameter of many components") {
   const Curved s;
   const Parameter& curve = s.table.all[s.parameter("elbow")];
   CHECK(curve.size() == CurveJoint::kValues);
