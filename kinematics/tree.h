@@ -28,6 +28,12 @@
 
 namespace kincal {
 
+/// A LinkMass is what a URDF's inertial says of a link: its mass (kg) and where it is centred.
+struct LinkMass {
+  double mass = 0;
+  Vector3d centre = Vector3d::Zero();
+};
+
 enum class JointType { fixed, revolute, continuous, prismatic, floating, planar };
 
 struct Mimic {

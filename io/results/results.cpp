@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "../../models/analysis/frames.h"
+#include "../../models/rig/elasticity.h"
 #include "../document/files.h"
 #include "../document/numbers.h"
 #include "../document/quoting.h"
@@ -26,6 +27,7 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
   const ParameterTable& table = solution.table();
   const VectorXd& values = solution.values.shared;
   RigValues out = values_of(rig);
+  if (rig.elasticity) out.elasticity = folded_elasticity(rig, table, values);
   for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
     out.joint_offsets[j] = 0;
     if (!rig.tree.joints[j].has_reading()) continue;

@@ -14,6 +14,7 @@
 #include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/yaml.h"
+#include "elasticity_entry.h"
 #include "types.h"
 
 namespace kincal {
@@ -605,8 +606,9 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   refuse_other_kinds(file.text, path, Wanted::rig);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
-  all.check_keys({"format", "robot", "sensors", "targets"},
-                 {"base", "joints", "estimate", "priors", "nominal", "serial", "time"});
+  all.check_keys(
+      {"format", "robot", "sensors", "targets"},
+      {"base", "joints", "estimate", "priors", "nominal", "serial", "time", "elasticity"});
   if (all["format"].string() != "kincal/1")
     all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
   if (all.has("serial")) file.serial = all["serial"].string();
@@ -618,6 +620,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
 
   Rig& rig = file.rig;
   rig.tree = file.urdf.tree;
+  rig.masses = file.urdf.masses;
   open_floating(rig.tree);
   if (file.flange_only)  // its origin is nothing that a file could hold: no parameter
     rig.tree.joints[rig.tree.find_joint(kFlangeJoint)].axis_of_pose = PoseAxis::reading;
@@ -633,6 +636,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
     rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
   for (const auto& entry : sensors.node->members)
     rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
+  if (all.has("elasticity")) rig.elasticity = read_elasticity(all["elasticity"], rig);
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   if (rig.steps.empty())  // poses are never exact; with steps a sigma that is not stated is 0
     for (JointSettings& joint : rig.joints)

@@ -8,6 +8,7 @@
 #include "../document/error.h"
 #include "../document/numbers.h"
 #include "../document/yaml.h"
+#include "elasticity_entry.h"
 #include "types.h"
 
 namespace kincal {
@@ -316,6 +317,8 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
     if (target.warp != values.target_warps[t])
       member(node, "warp") = list_node(values.target_warps[t].data(), 2);
   }
+  if (values.elasticity)
+    member(root, "elasticity", {"joints"}) = elasticity_node(*values.elasticity, rig.rig.tree);
   return to_yaml(root);
 }
 

@@ -32,6 +32,7 @@ struct RigValues {
   std::vector<double> target_squares;
   std::vector<Eigen::Vector2d> target_warps;
   std::vector<Eigen::Matrix3Xd> target_points;  // not grids
+  std::optional<Elasticity> elasticity;         // with it the entry is written anew
 };
 RigValues values_of(const Rig& rig);
 

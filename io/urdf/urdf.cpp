@@ -1,5 +1,6 @@
 #include "urdf.h"
 
+#include <algorithm>
 #include <cstring>
 #include <locale>
 #include <map>
@@ -80,6 +81,18 @@ Joint read_joint(const Xml& xml, const pugi::xml_node& element,
   else if (limit.attribute("lower") && limit.attribute("upper"))
     joint.lower = lower, joint.upper = upper;
   return joint;
+}
+
+/// A link's mass, none where the file has none that can be read: it is a start for loads only, and
+/// no reason to refuse a robot.
+LinkMass read_mass(const Xml& xml, const pugi::xml_node& link) try {
+  const pugi::xml_node inertial = link.child("inertial");
+  LinkMass out;
+  out.mass = std::max(0.0, number(xml, inertial.child("mass"), "value", 0));
+  out.centre = vector3(xml, inertial.child("origin"), "xyz", Vector3d::Zero());
+  return out;
+} catch (const InputError&) {
+  return {};
 }
 
 using Indices = std::map<std::string, int>;
@@ -167,11 +180,14 @@ void read_robot(const Xml& xml, const pugi::xml_node& robot, Urdf& urdf) {
 
   urdf.robot = robot.attribute("name").value();
   Tree& tree = urdf.tree;
-  for (const pugi::xml_node& link : link_elements)
+  for (const pugi::xml_node& link : link_elements) {
     tree.links.push_back(link.attribute("name").value());
+    urdf.masses.push_back(read_mass(xml, link));
+  }
   if (tree.links.empty())
     throw InputError(at_offset(xml, robot.offset_debug()) + ": the robot has no links");
   accept_root(xml, joint_elements, tree, links, urdf.warnings);
+  urdf.masses.resize(tree.links.size());
   for (const pugi::xml_node& element : joint_elements) {
     Joint joint = read_joint(xml, element, urdf.warnings);
     joint.parent = find_link(xml, end_of(xml, element, "parent"), links);

@@ -29,6 +29,7 @@ struct Urdf {
   std::string robot;                                   // its name
   Tree tree;
   std::vector<OriginText> origins;  // by joint
+  std::vector<LinkMass> masses;     // by link
   std::vector<Transmission> transmissions;
   std::vector<std::string> warnings;  // e.g. an undefined root link that was accepted
 };

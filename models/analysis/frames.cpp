@@ -9,6 +9,7 @@
 #include "../../kinematics/floating.h"
 #include "../../solver/observability.h"
 #include "../rig/configuration.h"
+#include "../rig/elasticity.h"
 #include "../rig/geometry.h"
 #include "../rig/random_stream.h"
 
@@ -191,12 +192,69 @@ Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& v
   return frame.pose < 0 ? base_T_link : base_T_link * get_pose(values, table.all[frame.pose].start);
 }
 
+namespace {
+
+/// Unknowns by parameter: component and column of each.
+using ColumnsOf = std::map<int, std::vector<std::pair<int, int>>>;
+
+/// Adds to the columns of twists what moves through bending joints; `by_delta` has the path's
+/// columns by their deflections.
+void add_bending(const Configuration& robot, const Unknowns& unknowns, const ColumnsOf& columns,
+                 const MatrixXd& by_delta, MatrixXd& by_unknowns) {
+  const Rig& rig = robot.rig();
+  const ParameterTable& table = robot.table();
+  const Skeleton& skeleton = *rig.elasticity->skeleton;
+  BentPosture bent = *robot.bent();
+  differentiate(skeleton, bent);
+  BendingColumns through;
+  through_equilibrium(bent, by_delta, through);
+  const auto add = [&](int parameter, const auto& twists) {  // a function: only what is asked for
+    const auto found = columns.find(parameter);
+    if (found == columns.end()) return;
+    const ThreeColumns all = twists();
+    for (const auto& c : found->second) by_unknowns.col(c.second) += all.col(c.first);
+  };
+  for (int j = 0; j < static_cast<int>(rig.tree.joints.size()); ++j) {
+    if (skeleton.index[j] >= 0)
+      add(table.compliance[j], [&] { return bent_by_compliance(skeleton, bent, through, j); });
+    add(table.load[j], [&] { return bent_by_load(skeleton, bent, through, j); });
+    if (const auto found = columns.find(table.joint_origin[j]); found != columns.end()) {
+      const auto chart = unknowns.charts.find(table.joint_origin[j]);
+      Eigen::Matrix<double, 3, 6> turned = Eigen::Matrix<double, 3, 6>::Zero();
+      if (chart == unknowns.charts.end())
+        turned.rightCols<3>().setIdentity();
+      else
+        turned = chart->second.bottomRows<3>();
+      const MatrixXd twists = bent_by_origin(skeleton, bent, through, j) * turned;
+      for (const auto& c : found->second) by_unknowns.col(c.second) += twists.col(c.first);
+    }
+    const Joint& joint = rig.tree.joints[j];
+    if (!joint.moves() || joint.type == JointType::prismatic ||
+        stands_for_balance(rig, robot.readings(), j))
+      continue;
+    const Driver d = driver(rig.tree, j);
+    const OneColumn twist = d.factor * bent_by_position(skeleton, bent, through, j, joint.axis);
+    int first = 0;  // own number of the parameter's first component
+    for (int p = table.joint_offset[d.joint]; p < table.joint_origin[d.joint]; ++p) {
+      if (const auto found = columns.find(p); found != columns.end())
+        for (const auto& [number, column] : found->second)
+          by_unknowns.col(column) +=
+              rig.joints[d.joint].model->by_own(first + number, robot.reading(d.joint),
+                                                robot.own_numbers(d.joint)) *
+              twist;
+      first += table.all[p].size();
+    }
+  }
+}
+
+}  // namespace
+
 FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
                                  const VectorXd& values, const Unknowns& unknowns,
                                  const Frame& frame, const Readings& readings) {
   FrameDerivative out;
   const Configuration robot(rig, table, values, readings);
-  std::map<int, std::vector<std::pair<int, int>>> columns;  // parameter -> (component, column)
+  ColumnsOf columns;
   for (size_t c = 0; c < unknowns.columns.size(); ++c)
     columns[unknowns.columns[c].parameter].push_back(
         {unknowns.columns[c].index, static_cast<int>(c)});
@@ -210,6 +268,8 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
     for (const auto& c : found->second) out.by_unknowns.col(c.second) += twists.col(c.first);
   };
   std::map<int, Vector6d> by_reading;  // joint with a reading -> twist by it
+  MatrixXd by_delta;
+  if (rig.elasticity) by_delta.setZero(6, 3 * rig.elasticity->skeleton->size());
   Pose base_T_link;
   for (const PathStep& step : find_path(rig.tree, rig.base, frame.link)) {
     const Joint& joint = rig.tree.joints[step.joint];
@@ -217,6 +277,11 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
     walk(step, robot.origin(step.joint), robot.motion(step.joint), base_T_link, base_T_joint,
          base_T_next);
     add_pose(table.joint_origin[step.joint], step.direction, base_T_joint);
+    if (const int i = rig.elasticity ? rig.elasticity->skeleton->index[step.joint] : -1; i >= 0) {
+      by_delta.middleCols<3>(3 * i) =
+          deflection_twists(*robot.bent(), i, step.direction, base_T_joint);
+      base_T_joint.rotation = base_T_joint.rotation * robot.bent()->bend[i];
+    }
     if (joint.moves()) {
       const Driver d = driver(rig.tree, step.joint);
       const Vector6d twist = d.factor * position_twist(joint, step.direction, base_T_joint);
@@ -237,6 +302,7 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
     }
     base_T_link = base_T_next;
   }
+  if (by_delta.size() > 0) add_bending(robot, unknowns, columns, by_delta, out.by_unknowns);
   Pose base_T_frame = base_T_link;
   if (frame.pose >= 0) {
     base_T_frame = base_T_link * get_pose(values, table.all[frame.pose].start);

@@ -111,8 +111,8 @@ Turned turned_sensor(const Recording& recording, const std::vector<Readings>& po
 /// True if sensors and targets can turn against each other about two axes: those of a SCARA, or of
 /// a palletizer, whose followers keep the tool level, cannot.
 bool can_turn(const Recording& recording) {
-  constexpr int kPostures = 12;
-  const Turned turned = turned_sensor(recording, random_postures(recording.rig, kPostures, 1));
+  constexpr int kTurned = 12;
+  const Turned turned = turned_sensor(recording, random_postures(recording.rig, kTurned, 1));
   return turned.turns.others >= kEnoughTurn;
 }
 

@@ -86,10 +86,11 @@ double Scene::position(const VectorXd& values, const Seen& s, int joint, int mov
 Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved,
                   double by) const {
   Pose begin_T_end;
+  const Configuration robot(rig(), table(), values, recording_.samples[s.sample].readings);
   for (const PathStep& step : path) {
     const Joint& joint = rig().tree.joints[step.joint];
     const double q = joint.moves() ? position(values, s, step.joint, moved, by) : 0;
-    const Pose next = get_pose(values, table().all[table().joint_origin[step.joint]].start) *
+    const Pose next = robot.origin(step.joint) * Pose{robot.bend_of(step.joint), Vector3d::Zero()} *
                       joint_motion(joint, q);
     begin_T_end = begin_T_end * (step.direction > 0 ? next : inverse(next));
   }

@@ -2,405 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <memory>
-#include <optional>
-#include <set>
-#include <stdexcept>
 
-#include "../fitting/fit.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
-#include "curves.h"
-#include "guessed_noise.h"
-#include "width_problem.h"
+#include "grouped.h"
 
 namespace kincal {
-namespace {
-
-const char* const kMounts = "mounts";
-const char* const kEverything = "everything";
-constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 30;
-constexpr double kNoiseAtRest = 0.005;  // change of noise that nobody states, relative
-constexpr double kSettled =
-    0.1;  // change of a width, relative, that asks for no linearisation anew
-
-void take_away(const std::vector<Freed>& away, std::vector<Freed>& from) {
-  for (const Freed& a : away)
-    for (Freed& f : from)
-      if (f.parameter == a.parameter)
-        f.components.erase(
-            std::remove_if(
-                f.components.begin(), f.components.end(),
-                [&](int c) { return std::count(a.components.begin(), a.components.end(), c) > 0; }),
-            f.components.end());
-  from.erase(
-      std::remove_if(from.begin(), from.end(), [](const Freed& f) { return f.components.empty(); }),
-      from.end());
-}
-
-bool is_among(const std::vector<Freed>& all, const Component& c) {
-  const Freed* f = find_freed(all, c.parameter);
-  return f && std::count(f->components.begin(), f->components.end(), c.index);
-}
-
-/// The groups, without what `fix` names.
-AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& options) {
-  AutomaticGroups out = make_groups(recording, options.groups);
-  std::vector<Freed> fixed;
-  for (size_t i = 0; i < options.fix.size(); ++i)
-    merge(fixed, recording.table.find(options.fix[i], "fix[" + std::to_string(i) + "]"));
-  take_away(fixed, out.mounts);
-  const auto drop = [&](std::vector<Member>& members) {
-    members.erase(std::remove_if(members.begin(), members.end(),
-                                 [&](const Member& m) { return is_among(fixed, m.component); }),
-                  members.end());
-  };
-  drop(out.stated);
-  for (WidthGroup& g : out.groups) {
-    drop(g.members);
-    drop(g.unseen);
-  }
-  out.groups.erase(
-      std::remove_if(out.groups.begin(), out.groups.end(),
-                     [](const WidthGroup& g) { return g.members.empty() && g.unseen.empty(); }),
-      out.groups.end());
-  return out;
-}
-
-void name(const ParameterTable& table, const std::vector<Freed>& freed,
-          std::vector<std::string>& out) {
-  for (const Freed& f : freed) {
-    const Parameter& p = table.all[f.parameter];
-    if (f.whole(p))
-      out.push_back(p.name);
-    else
-      for (int c : f.components) out.push_back(p.component_name(c));
-  }
-}
-
-/// Poses of mounted targets that only held-out samples see: named, so that they are estimated when
-/// these are judged.
-std::vector<std::string> held_out_poses(const Recording& recording) {
-  std::vector<char> seen(recording.rig.targets.size(), 0), seen_held_out = seen;
-  for (const Sample& s : recording.samples)
-    for (const View& v : s.views) (s.train ? seen : seen_held_out)[v.target] = 1;
-  std::vector<std::string> out;
-  for (size_t t = 0; t < seen.size(); ++t)
-    if (seen_held_out[t] && !seen[t] && recording.table.target_pose[t] >= 0 &&
-        recording.rig.targets[t].mount_joint < 0)
-      out.push_back(recording.table.all[recording.table.target_pose[t]].name);
-  return out;
-}
-
-/// Steps with the groups at these factors, without what is held.
-std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& groups,
-                           const VectorXd& factor, const std::vector<Component>& held) {
-  const ParameterTable& table = recording.table;
-  const std::vector<std::string> held_out = held_out_poses(recording);
-  Step mounts, everything;
-  mounts.name = kMounts;
-  everything.name = kEverything;
-  mounts.sensors = everything.sensors = indices(recording.rig.sensors.size());
-  std::vector<Freed> turning = groups.mounts, placed;
-  take_away(groups.pointing, turning);
-  // (The whole pose of a point is put where the data have it; one held in part is searched for.)
-  for (const Freed& pose : groups.mounts)
-    if (pose.whole(table.all[pose.parameter]))
-      placed.push_back(pose);
-    else if (const Freed* rest = find_freed(turning, pose.parameter))
-      placed.push_back(*rest);
-  name(table, placed, mounts.free);
-  name(table, turning, everything.free);
-  for (size_t g = 0; g < groups.groups.size(); ++g)
-    for (const Member& m : groups.groups[g].members) {
-      if (std::count(held.begin(), held.end(), m.component)) continue;
-      PriorSetting prior;
-      prior.pattern = table.name(m.component);
-      prior.where = "group " + groups.groups[g].name;
-      prior.translation = prior.rotation = factor(static_cast<Eigen::Index>(g)) * m.start;
-      everything.free.push_back(prior.pattern);
-      everything.priors.push_back(prior);
-    }
-  for (const Member& m : groups.stated) {
-    PriorSetting prior;
-    prior.pattern = table.name(m.component);
-    prior.where = "priors";
-    prior.translation = prior.rotation = m.start;
-    if (!is_among(groups.mounts, m.component)) everything.free.push_back(prior.pattern);
-    if (!is_among(groups.pointing, m.component)) everything.priors.push_back(prior);
-  }
-  for (Step* step : {&mounts, &everything})
-    step->free.insert(step->free.end(), held_out.begin(), held_out.end());
-  std::vector<Step> out;
-  if (!groups.mounts.empty()) out.push_back(mounts);
-  if (!everything.free.empty()) out.push_back(everything);
-  return out;
-}
-
-/// Moves what is held back to where it counts from: a pose of which nothing is estimated any more
-/// to the last bit.
-void put_back(const ParameterTable& table, const VectorXd& initial,
-              const std::vector<Component>& columns, const std::vector<char>& held,
-              VectorXd& shared) {
-  struct PoseColumns {
-    std::vector<int> held;
-    bool estimated = false;  // some other component is
-  };
-  std::map<int, PoseColumns> poses;
-  for (size_t i = 0; i < columns.size(); ++i) {
-    const Component& c = columns[i];
-    const Parameter& p = table.all[c.parameter];
-    if (!p.pose) {
-      if (held[i]) shared(p.start + c.index) = initial(p.start + c.index);
-    } else if (held[i]) {
-      poses[c.parameter].held.push_back(c.index);
-    } else {
-      poses[c.parameter].estimated = true;
-    }
-  }
-  for (const auto& entry : poses) {
-    if (entry.second.held.empty()) continue;
-    const int start = table.all[entry.first].start;
-    const Pose from = get_pose(initial, start);
-    Vector6d xi = log_se3(inverse(from) * get_pose(shared, start));
-    for (int c : entry.second.held) xi(c) = 0;
-    set_pose(shared, start, entry.second.estimated ? from * exp_se3(xi) : from);
-  }
-}
-
-/// What rounds of fits and widths found.
-struct Learned {
-  Outcome outcome = Outcome::converged;
-  Values values;
-  std::vector<Component> columns;
-  WidthProblem problem;
-  Widths widths;
-  std::vector<UncheckedScale> unchecked;
-  std::vector<OtherModel> other_models;
-  std::vector<int> curves;  // joints that there is evidence for an error curve of
-  std::shared_ptr<const Recording> recording;  // with the noise that was found
-};
-
-/// What the gears that were not asked for say at a fit without them: the gain of their group, and
-/// with the boards' squares which lengths nothing checks.
-void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
-                  Learned& out) {
-  FitWidths with{out.problem, out.columns};
-  VectorXd factor = out.widths.factor;
-  if (!groups.gears.empty()) {
-    AutomaticGroups all = groups;
-    all.groups.push_back({"gears", groups.gears, {}});
-    with = width_problem(recording, data_problem(recording, fit.problem->setup(), fit.values, all),
-                         all);
-    factor.conservativeResize(factor.size() + 1);
-    factor(factor.size() - 1) = 1;
-    const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
-    if (!widths.defined) return;
-    out.other_models.push_back(
-        other_gears(evidence_gain(with.problem, widths, with.problem.groups - 1)));
-  }
-  VectorXd sigma = VectorXd::Zero(with.problem.at.size());
-  for (Eigen::Index i = 0; i < sigma.size(); ++i) {
-    const auto found = std::find(out.columns.begin(), out.columns.end(), with.columns[i]);
-    if (found != out.columns.end())
-      sigma(i) = std::sqrt(out.widths.posterior.variance(found - out.columns.begin()));
-  }
-  out.unchecked = unchecked_scales(recording, with, factor, sigma, out.values.shared);
-}
-
-Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroups& groups,
-              const AutomaticOptions& options, const Solution& mounts) {
-  Learned out;
-  out.recording = make_recording(given);
-  out.values = mounts.values;
-  EstimationSetup setup;
-  setup.noise = options.noise;
-  setup.sensors = plan.sensors;
-  setup.free = plan.free;
-  setup.initial = mounts.initial;
-  const auto members = starting_widths(groups);
-  FitOptions fit_options;
-  fit_options.trust_start = true;
-  fit_options.solver.threads = options.threads;
-  fit_options.solver.linear_solver = options.linear_solver;
-  fit_options.solver.relative_decrease = 1e-7;
-  fit_options.solver.progress = options.progress.in("widths");
-  VectorXd factor = VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
-  bool settled = false;
-  for (int pass = 0;; ++pass) {
-    const Recording& recording = *out.recording;
-    options.progress.stage("widths, round " + std::to_string(pass + 1));
-    setup.priors = plan.priors;
-    for (Prior& prior : setup.priors) {
-      const auto found = members.find({prior.parameter, prior.component});
-      if (found != members.end() && found->second.first >= 0)
-        prior.sigma = factor(found->second.first) * found->second.second;
-    }
-    Fit done = fit(recording, recording.training(), setup, out.values, fit_options);
-    out.outcome = done.summary.outcome;
-    if (!done.defined()) return out;
-    out.values = done.values;
-    const DataProblem data = data_problem(recording, done.problem->setup(), done.values, groups);
-    FitWidths found = width_problem(recording, data, groups);
-    out.columns = std::move(found.columns);
-    out.problem = std::move(found.problem);
-    out.widths = learn_widths(out.problem, factor, kWidthRounds);
-    if (!out.widths.defined) return out;
-    const double change =
-        factor.size() ? (out.widths.factor.array() / factor.array()).log().abs().maxCoeff() : 0;
-    factor = out.widths.factor;
-    settled = settled || change < kSettled || pass + 1 == kLinearisations;
-    if (!settled) continue;  // (what is far off would be taken for noise)
-    std::shared_ptr<const Recording> next = out.recording;
-    const double moved = move_noise(*data.problem, data.state, out.problem, factor, next);
-    if (moved < kNoiseAtRest || pass + 1 >= kNoiseRounds) {
-      judge_scales(recording, done, groups, out);
-      options.progress.stage("error curves of joints");
-      out.curves =
-          joints_with_curves(recording, done.problem->setup(), done.values, groups, factor);
-      return out;
-    }
-    out.recording = std::move(next);
-  }
-}
-
-/// What errors are predicted from: all that was estimated or held, and what no measurement sees.
-Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
-                         const Selection& selection) {
-  Prediction out;
-  out.columns = learned.columns;
-  std::vector<double> variance;
-  for (size_t g = 0; g < groups.groups.size(); ++g)
-    for (const Member& m : groups.groups[g].unseen) {
-      const double width = learned.widths.factor(static_cast<Eigen::Index>(g)) * m.start;
-      out.columns.push_back(m.component);
-      variance.push_back(width * width * selection.inflation(static_cast<Eigen::Index>(g)));
-    }
-  const auto n = static_cast<Eigen::Index>(learned.columns.size()),
-             all = static_cast<Eigen::Index>(out.columns.size());
-  out.covariance.setZero(all, all);
-  out.covariance.topLeftCorner(n, n) = selection.second_moment;
-  for (Eigen::Index i = n; i < all; ++i) out.covariance(i, i) = variance[i - n];
-  return out;
-}
-
-/// The data's equations at the solution, of all that was estimated or held: those that the widths
-/// were learned from, moved there.
-DataEquations data_of(const Learned& learned, const Solution& solution) {
-  const auto n = static_cast<Eigen::Index>(learned.columns.size());
-  VectorXd moved(n);
-  for (Eigen::Index i = 0; i < n; ++i)
-    moved(i) = value_of(solution.table(), learned.values.shared, solution.values.shared,
-                        learned.columns[i]);
-  return {learned.columns, learned.problem.normal,
-          -learned.problem.gradient - learned.problem.normal * moved};
-}
-
-/// Sigmas of the estimates are those of the prediction.
-void set_predicted_sigmas(Solution& solution) {
-  const Prediction& p = *solution.prediction;
-  for (size_t i = 0; i < p.columns.size(); ++i)
-    for (ParameterEstimate& e : solution.parameters)
-      if (e.parameter == p.columns[i].parameter && e.freed[p.columns[i].index] &&
-          e.sigma[p.columns[i].index] > 0)
-        e.sigma[p.columns[i].index] =
-            std::sqrt(p.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)));
-}
-
-std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& learned,
-                                 const Selection& selection, const Solution& solution) {
-  const ParameterTable& table = solution.table();
-  std::vector<AutomaticGroup> out;
-  for (size_t g = 0; g < groups.groups.size(); ++g) {
-    const auto k = static_cast<Eigen::Index>(g);
-    AutomaticGroup one;
-    one.name = groups.groups[g].name;
-    one.factor = learned.widths.factor(k);
-    one.gamma = learned.widths.gamma(k);
-    one.gain = selection.gain(k);
-    one.held = selection.whole[g];
-    for (size_t i = 0; i < learned.columns.size(); ++i) {
-      if (learned.problem.group[i] != static_cast<int>(g)) continue;
-      const auto c = static_cast<Eigen::Index>(i);
-      AutomaticNumber number;
-      number.name = table.name(learned.columns[i]);
-      number.unit = table.unit(learned.columns[i]);
-      number.width = one.factor * learned.problem.start(c);
-      number.told = 1 - learned.widths.posterior.variance(c) / (number.width * number.width);
-      number.held =
-          selection.held[i] && !std::count(solution.columns.begin(), solution.columns.end(),
-                                           learned.columns[i]);  // `free` names it
-      one.held = one.held && (number.held || !selection.held[i]);
-      number.value = number.held ? 0
-                                 : value_of(table, solution.initial, solution.values.shared,
-                                            learned.columns[i]);
-      number.sigma = std::sqrt(solution.prediction->covariance(c, c));
-      one.numbers.push_back(number);
-    }
-    for (const Member& m : groups.groups[g].unseen) {
-      const double width = one.factor * m.start;
-      one.unseen.push_back({table.name(m.component), table.unit(m.component), 0,
-                            width * std::sqrt(selection.inflation(k)), width, 0, true});
-    }
-    out.push_back(std::move(one));
-  }
-  return out;
-}
-
-/// Gauges of the mounts: one component of each is fixed, where the rig gives its pose as given.
-std::vector<Gauge> fix_gauges(const Recording& recording, const VectorXd& initial,
-                              AutomaticGroups& groups, VectorXd& shared) {
-  std::vector<Freed> poses = groups.mounts, stated;
-  take_away(groups.pointing, poses);
-  for (const Member& m : groups.stated)
-    merge(stated, {{m.component.parameter, {m.component.index}}});
-  take_away(stated, poses);
-  std::vector<Gauge> out = find_gauges(recording, shared, poses);
-  std::vector<Component> columns;
-  std::vector<char> fixed;
-  for (const Freed& pose : poses)
-    for (const int c : pose.components) {
-      columns.push_back({pose.parameter, c});
-      fixed.push_back(std::any_of(out.begin(), out.end(), [&](const Gauge& g) {
-        return g.given && g.fixed == columns.back();
-      }));
-    }
-  for (const Gauge& g : out) merge(groups.pointing, {{g.fixed.parameter, {g.fixed.index}}});
-  put_back(recording.table, initial, columns, fixed, shared);
-  return out;
-}
-
-VectorXd start_factors(const AutomaticGroups& groups) {
-  return VectorXd::Ones(static_cast<Eigen::Index>(groups.groups.size()));
-}
-
-/// The options of a calibration with such steps: what `fix` names is in none of them.
-CalibrationOptions plain(const AutomaticOptions& options) {
-  CalibrationOptions out = options;
-  out.fix.clear();
-  return out;
-}
-
-/// A calibration, and the joints that an error curve would explain more of.
-struct Calibrated {
-  AutomaticCalibration found;
-  std::vector<int> curves;
-};
-
-Calibrated calibrate_groups(const Recording& given, const AutomaticOptions& options);
-
-/// Of joints with an error curve those that it was kept of.
-std::vector<int> kept_curves(const AutomaticCalibration& found, const std::vector<int>& joints) {
-  std::vector<int> out;
-  for (const int j : joints)
-    for (const AutomaticGroup& group : found.groups)
-      if (group.name == "curve/" + found.solution.rig().tree.joints[j].name && !group.held)
-        out.push_back(j);
-  return out;
-}
-
-}  // namespace
 
 std::vector<NominalValue> nominal_values(const Solution& solution) {
   std::vector<NominalValue> out;
@@ -446,17 +54,125 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
   return steps_of(recording, groups, start_factors(groups), {});
 }
 
+namespace {
+
+bool is_kept(const AutomaticCalibration& found, const std::string& name) {
+  return std::any_of(found.groups.begin(), found.groups.end(),
+                     [&](const AutomaticGroup& g) { return g.name == name && !g.held; });
+}
+
+/// The groups of a model that a fit does not have.
+FurtherModel further_model(const Model& model, const FitWithGroups& fit) {
+  FurtherModel out;
+  // (With the noise that was found: what a fit lacks is in it.)
+  Rig rig = model.recording->rig;
+  rig.joints = fit.recording->rig.joints;
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    rig.joints[j].model = model.recording->rig.joints[j].model;
+  rig.sensors = fit.recording->rig.sensors;
+  out.recording = make_recording(fit.recording->with_rig(std::move(rig)));
+  for (WidthGroup& group : groups_of(*out.recording, model.options).groups)
+    if (std::none_of(fit.groups.groups.begin(), fit.groups.groups.end(),
+                     [&](const WidthGroup& g) { return g.name == group.name; }))
+      out.groups.push_back(std::move(group));
+  return out;
+}
+
+/// A model with what a trial found, begun where the best fit ended.
+Model grown(Model model, const FurtherTrial& trial, const FitWithGroups& best) {
+  model.further.insert(model.further.end(), trial.groups.begin(), trial.groups.end());
+  for (size_t g = 0; g < best.groups.groups.size(); ++g)
+    model.factor[best.groups.groups[g].name] = best.factor(static_cast<Eigen::Index>(g));
+  for (const auto& [name, factor] : trial.factor) model.factor[name] = factor;
+  model.start = values_in(best, *model.recording);
+  return model;
+}
+
+/// Compliances about the axes, then those across them, then loads.
+void bend_joints(Model& model, Calibrated& best) {
+  const AutomaticOptions asked = model.options;
+  const std::vector<std::string> all = {kCompliance, kComplianceAcross, kLoads},
+                                 tried = best.fit.groups.further;
+  const auto is_among = [](const std::vector<std::string>& names, const std::string& name) {
+    return std::count(names.begin(), names.end(), name) > 0;
+  };
+  for (const std::string& name : all) {
+    if (!is_among(tried, name) || (name == kLoads && model.further.empty())) continue;
+    model.options.progress.stage(name);
+    FurtherTrial trial;
+    Model next;
+    const bool now = model.recording->rig.elasticity && model.recording->rig.elasticity->rotor;
+    for (const bool rotor : {false, true}) {
+      if (name != kComplianceAcross && rotor != now)
+        continue;  // those about axes turn with nothing
+      Model one = model;
+      one.recording = with_elasticity(*model.recording, rotor);
+      one.options = asked;
+      for (const std::string& other : all)
+        if (other != name && !is_among(model.further, other))
+          one.options.groups.without.push_back(other);
+      FurtherTrial found =
+          try_model(best.fit, further_model(one, best.fit), *best.found.solution.recording);
+      if (found.groups.empty() || found.gain <= trial.gain) continue;
+      trial = std::move(found);
+      next = std::move(one);
+    }
+    if (trial.groups.empty()) continue;
+    next = grown(std::move(next), trial, best.fit);
+    Calibrated found = calibrate_groups(next);
+    if (!found.found.solution.usable() ||
+        !std::all_of(next.further.begin(), next.further.end(),
+                     [&](const std::string& g) { return is_kept(found.found, g); }))
+      continue;
+    model = std::move(next);
+    best = std::move(found);
+  }
+}
+
+/// Error curves of the joints.
+void add_curves(Model& model, Calibrated& best) {
+  std::vector<std::string> names;
+  for (const std::string& name : best.fit.groups.further)
+    if (name.compare(0, kCurve.size(), kCurve) == 0) names.push_back(name);
+  const auto curved = [&](const std::vector<std::string>& groups) {
+    std::vector<int> joints;
+    for (const std::string& name : groups)
+      joints.push_back(model.recording->rig.tree.find_joint(name.substr(kCurve.size())));
+    Model out = model;
+    out.recording = with_curves(*model.recording, joints);
+    return out;
+  };
+  if (names.empty()) return;
+  model.options.progress.stage("error curves of joints");
+  FurtherTrial trial =
+      try_model(best.fit, further_model(curved(names), best.fit), *best.found.solution.recording);
+  while (!trial.groups.empty()) {
+    Model next = grown(curved(trial.groups), trial, best.fit);
+    Calibrated found = calibrate_groups(next);
+    if (!found.found.solution.usable()) return;
+    const size_t before = trial.groups.size();
+    trial.groups.erase(
+        std::remove_if(trial.groups.begin(), trial.groups.end(),
+                       [&](const std::string& g) { return !is_kept(found.found, g); }),
+        trial.groups.end());
+    if (trial.groups.size() < before) continue;
+    model = std::move(next);
+    best = std::move(found);
+    return;
+  }
+}
+
+}  // namespace
+
 AutomaticCalibration calibrate_automatically(const Recording& given,
                                              const AutomaticOptions& options) try {
-  Calibrated rigid = calibrate_groups(given, options);
-  for (std::vector<int> joints = rigid.curves; !joints.empty();) {
-    Calibrated curved = calibrate_groups(*with_curves(given, joints), options);
-    if (!curved.found.solution.usable()) break;
-    std::vector<int> kept = kept_curves(curved.found, joints);
-    if (kept.size() == joints.size()) return std::move(curved.found);
-    joints = std::move(kept);
+  Model model{without_added(given), options, {}, {}, {}};
+  Calibrated best = calibrate_groups(model);
+  if (best.found.solution.usable()) {
+    bend_joints(model, best);
+    add_curves(model, best);
   }
-  return std::move(rigid.found);
+  return std::move(best.found);
 } catch (const Cancelled&) {
   AutomaticCalibration out;
   out.solution.recording = make_recording(given);
@@ -465,84 +181,5 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   out.solution.message = "cancelled";
   return out;
 }
-
-namespace {
-
-Calibrated calibrate_groups(const Recording& given, const AutomaticOptions& options) {
-  AutomaticCalibration out;
-  std::shared_ptr<const Recording> now = with_guessed_noise(given, options.noise);
-  const Recording& recording = *now;
-  AutomaticGroups groups = groups_of(recording, options);
-  if (steps_of(recording, groups, start_factors(groups), {}).empty())
-    throw std::invalid_argument(
-        nothing_free(recording, !options.fix.empty() || !options.groups.without.empty(), false));
-  const VectorXd ones = start_factors(groups);
-  const CalibrationOptions run = plain(options);
-  Solution& solution = out.solution;
-  const auto at_start = [&] {
-    return with_steps(recording, steps_of(recording, groups, ones, {}));
-  };
-  if (groups.mounts.empty()) {
-    solution.recording = at_start();
-    solution.initial = solution.values.shared = recording.table.initial;
-  } else {
-    CalibrationOptions mounts = run;
-    mounts.last_step = kMounts;
-    mounts.free.clear();
-    solution = uncancelled(calibrate(at_start(), mounts));
-    turn_back(recording.table, groups.pivots, solution.initial, solution.values.shared);
-    out.gauges = fix_gauges(recording, solution.initial, groups, solution.values.shared);
-  }
-  const StepPlan plan = resolve_steps(*at_start(), run).back();
-  if (plan.name != kEverything || solution.status == Status::undefined_start) return {out, {}};
-  const Learned learned = learn(recording, plan, groups, options, solution);
-  if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
-    solution = uncancelled(calibrate(at_start(), run));  // says what is wrong
-    return {out, {}};
-  }
-  options.progress.stage("what there is evidence for");
-  const Selection selection = hold(learned.problem, learned.widths);
-  std::vector<Component> held;
-  for (size_t i = 0; i < selection.held.size(); ++i)
-    if (selection.held[i]) held.push_back(learned.columns[i]);
-  const std::shared_ptr<const Recording> final =
-      with_steps(*learned.recording, steps_of(recording, groups, learned.widths.factor, held));
-  if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, false, true));
-  VectorXd start = learned.values.shared;
-  put_back(recording.table, solution.initial, learned.columns, selection.held, start);
-  const Solution mounts = std::move(solution);
-  StepVariations variations;
-  variations.start = mounts.values.shared;
-  variations.before_step = [&](const StepPlan& step, const VectorXd&, VectorXd& shared) {
-    if (step.name == kEverything) shared = start;
-  };
-  solution = uncancelled(calibrate(final, run, variations));
-  if (solution.status == Status::unobservable) {
-    // What is held now told, with its noise, what nothing tells: how high a robot with parallel
-    // axes stands. It led metres away; poses stay where they start along what the data do not
-    // determine.
-    start = mounts.values.shared;
-    solution = uncancelled(calibrate(final, run, variations));
-  }
-  solution.replaced_starts = mounts.replaced_starts;
-  if (!solution.usable() && solution.status != Status::not_converged) return {out, {}};
-  solution.prediction = prediction_of(groups, learned, selection);
-  out.other_models =
-      other_models(recording, {learned.problem, learned.columns}, learned.widths, solution.initial);
-  for (const OtherModel& other : out.other_models)
-    if (const Eigen::Index n = other.moved.size())
-      solution.prediction->covariance.topLeftCorner(n, n) +=
-          other.probability() * other.moved * other.moved.transpose();
-  out.other_models.insert(out.other_models.end(), learned.other_models.begin(),
-                          learned.other_models.end());
-  set_predicted_sigmas(solution);
-  solution.data = data_of(learned, solution);
-  out.groups = told(groups, learned, selection, solution);
-  out.mounts = mounts.values.shared;
-  out.unchecked = learned.unchecked;
-  return {std::move(out), learned.curves};
-}
-
-}  // namespace
 
 }  // namespace kincal

@@ -16,45 +16,9 @@
 #include <string>
 #include <vector>
 
-#include "../analysis/gauges.h"
-#include "../calibration/calibration.h"
-#include "groups.h"
-#include "other_models.h"
+#include "outcome.h"
 
 namespace kincal {
-
-/// An AutomaticNumber is a member of a group as it came out.
-struct AutomaticNumber {
-  std::string name, unit;
-  double value = 0, sigma = 0;  // from its nominal value; of the prediction
-  double width = 0;             // of its prior
-  double told = 0;              // share of it that the data tell, 1 - C_ii / t_i^2
-  bool held = false;            // put back: value is 0
-
-  bool undetermined() const { return told < 0.1; }
-};
-
-struct AutomaticGroup {
-  std::string name;
-  std::vector<AutomaticNumber> numbers, unseen;
-  double factor = 1;  // of the starting widths
-  double gamma = 0;   // how many numbers the data determine
-  double gain = 0;    // log evidence against all of them being nominal
-  bool held = false;  // all of them
-};
-
-struct AutomaticCalibration {
-  Solution solution;                   // its recording has the steps that were run
-  VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
-  std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
-  std::vector<UncheckedScale> unchecked;
-  std::vector<Gauge> gauges;  // of mounts; their components are fixed
-  std::vector<OtherModel> other_models;
-};
-
-struct AutomaticOptions : CalibrationOptions {
-  GroupChoice groups;
-};
 
 /// Returns the values that the widths of a solution's numbers count from, of the parameters that it
 /// changed.

@@ -8,6 +8,8 @@
 
 #include "../../solver/decompositions.h"
 #include "../estimation/estimation.h"
+#include "../rig/configuration.h"
+#include "../rig/elasticity.h"
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
@@ -70,6 +72,7 @@ class GroupMaker {
     make_joints();
     make_geometry();
     make_targets_and_sensors();
+    make_bending();
     return std::move(out_);
   }
 
@@ -80,6 +83,7 @@ class GroupMaker {
   void make_joints();
   void make_geometry();
   void make_targets_and_sensors();
+  void make_bending();
   std::vector<Chain> chains() const;
   std::map<int, std::string> runs() const;
   bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
@@ -225,14 +229,14 @@ void GroupMaker::make_joints() {
       add("gears", scale, 0);
     }
     if (!slides && !scans[j] && used_[offset] && rig_.joints[j].model == linear_joint())
-      out_.groups.push_back({"curve/" + rig_.tree.joints[j].name, {}, {}});
+      out_.groups.push_back({kCurve + rig_.tree.joints[j].name, {}, {}});
     const std::vector<char> seen =
         numbers_seen(recorded_, static_cast<int>(j), *rig_.joints[j].model);
     size_t number = 2;
     for (int p = offset + 2; p < table_.joint_origin[j]; ++p)
       for (int c = 0; c < table_.all[p].size(); ++c, ++number)
         if (used_[p])
-          add(table_.all[p].size() == 1 ? "shapes" : "curve/" + rig_.tree.joints[j].name, p, c,
+          add(table_.all[p].size() == 1 ? "shapes" : kCurve + rig_.tree.joints[j].name, p, c,
               table_.all[p].usual_error, seen[number]);
   }
 }
@@ -363,6 +367,42 @@ void GroupMaker::make_targets_and_sensors() {
     }
 }
 
+/// Compliances begin with what bends the joint with the largest moments by 1 mrad about its axis,
+/// 0.3 mrad across it; loads with their own size, or a tenth of the largest.
+void GroupMaker::make_bending() {
+  constexpr double kAbout = 1e-3, kAcross = 3e-4, kLeast = 0.1;
+  const std::string names[] = {kCompliance, kComplianceAcross, kLoads};
+  if (!rig_.elasticity && !can_bend(rig_)) return;
+  for (const std::string& name : names) out_.groups.push_back({name, {}, {}});
+  if (!rig_.elasticity || !(rig_.elasticity->added || bends(*rig_.elasticity))) return;
+  const Elasticity& elasticity = *rig_.elasticity;
+  const Skeleton& skeleton = *elasticity.skeleton;
+  MatrixXd squares = MatrixXd::Zero(2, skeleton.size());
+  double seen = 0;
+  const size_t stride = std::max<size_t>(1, samples_.size() / 100);
+  for (size_t s = 0; s < samples_.size(); s += stride, ++seen) {
+    const Configuration robot(rig_, table_, table_.initial, samples_[s]->readings);
+    for (int i = 0; i < skeleton.size(); ++i) {
+      const Vector3d torque = skeleton.basis[i].transpose() * robot.bent()->torque[i];
+      if (!torque.allFinite()) continue;
+      squares(0, i) += torque.x() * torque.x();
+      squares(1, i) += torque.tail<2>().squaredNorm() / 2;
+    }
+  }
+  const Eigen::Vector2d rms = (squares.rowwise().maxCoeff() / seen).cwiseSqrt();
+  double heaviest = 0;
+  for (const Vector3d& load : elasticity.load) heaviest = std::max(heaviest, load.norm());
+  for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
+    const int compliance = table_.compliance[j], load = table_.load[j];
+    for (int c = 0; c < 3; ++c) {
+      if (compliance >= 0 && rms(c > 0) > 0 && used_[compliance])
+        add(names[c > 0], compliance, c, (c == 0 ? kAbout : kAcross) / rms(c > 0));
+      if (load >= 0 && heaviest > 0 && used_[load])
+        add(names[2], load, c, std::max(elasticity.load[j].norm(), kLeast * heaviest));
+    }
+  }
+}
+
 /// Marks the groups that names and globs mean.
 std::vector<char> chosen(const std::vector<WidthGroup>& groups,
                          const std::vector<std::string>& names, const char* list) {
@@ -451,9 +491,8 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   for (size_t g = 0; g < out.groups.size(); ++g) {
     WidthGroup& group = out.groups[g];
     if (without[g]) continue;
-    if (group.members.empty() && group.unseen.empty()) {  // a curve that is not there yet
-      const int joint = recording.rig.tree.find_joint(group.name.substr(group.name.find('/') + 1));
-      if (with[g]) out.curves.push_back(joint);
+    if (group.members.empty() && group.unseen.empty()) {  // not there yet
+      out.further.push_back(group.name);
     } else if (with[g] || group.name != "gears") {
       kept.push_back(std::move(group));
     } else {

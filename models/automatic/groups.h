@@ -19,8 +19,9 @@
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
-//   curve/NAME                 of a joint that turns: its error over its angle, tried behind all
-//                              others (curves.h), only when asked for
+//   compliance, compliance across, loads, curve/NAME
+//                              of joints that bend, and of one that turns: its error over its
+//                              angle; tried behind all others (further.h)
 //   gears                      scales of all others; only when asked for
 //
 // A run is an unbranched row of joints. Of their origins all numbers are members but what moves
@@ -59,9 +60,9 @@ struct AutomaticGroups {
   std::map<int, Vector3d> pivots;  // by pose that is fixed in rotation: the single point in its
                                    // frame that is seen there
   std::vector<WidthGroup> groups;
-  std::vector<Member> stated;  // with a prior in the rig, which is their width and stays
-  std::vector<Member> gears;   // of the group that has this name, if it was not asked for
-  std::vector<int> curves;     // joints that an error curve was asked for (curves.h)
+  std::vector<Member> stated;        // with a prior in the rig, which is their width and stays
+  std::vector<Member> gears;         // of the group that has this name, if it was not asked for
+  std::vector<std::string> further;  // groups that are not there yet, to be tried (further.h)
 };
 
 /// An UncheckedScale is a length that everything hangs on and nothing checks: readings of a sliding
@@ -72,6 +73,16 @@ struct UncheckedScale {
   std::string worst, unit;
   double moved = 0, sigmas = 0;
 };
+
+/// Names of the groups of further models (further.h); that of a curve ends with its joint's.
+inline const char* const kCompliance = "compliance";
+inline const char* const kComplianceAcross = "compliance across";
+inline const char* const kLoads = "loads";
+inline const std::string kCurve = "curve/";
+inline bool is_further(const std::string& group) {
+  return group == kCompliance || group == kComplianceAcross || group == kLoads ||
+         group.compare(0, kCurve.size(), kCurve) == 0;
+}
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
 struct GroupChoice {

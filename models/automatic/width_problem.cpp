@@ -35,32 +35,44 @@ DataProblem data_problem(const Recording& recording, const EstimationSetup& fitt
   return out;
 }
 
+std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<int>& set,
+                                     int count) {
+  Estimation& data = *at.problem;
+  const auto n = static_cast<Eigen::Index>(data.columns().size());
+  std::vector<NormalPart> out(count, {MatrixXd::Zero(n, n), VectorXd::Zero(n)});
+  MatrixXd rows;
+  long rank = 0;
+  for (size_t g = 0; g < data.groups().size(); ++g) {
+    const int k = set[data.sample_of(static_cast<int>(g))];
+    if (k < 0) continue;
+    const GroupShape& shape = data.groups()[g];
+    data.square_root(static_cast<int>(g), at.state, 0, rows);
+    const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
+    const auto m = static_cast<Eigen::Index>(shape.columns.size());
+    const MatrixXd gram = left.transpose() * left;
+    for (Eigen::Index i = 0; i < m; ++i) {
+      out[k].gradient(shape.columns[i]) += gram(i, m);
+      for (Eigen::Index j = 0; j < m; ++j)
+        out[k].normal(shape.columns[i], shape.columns[j]) += gram(i, j);
+    }
+  }
+  return out;
+}
+
 FitWidths width_problem(const Recording& recording, const DataProblem& at,
                         const AutomaticGroups& groups) {
   Estimation& data = *at.problem;
   const VectorXd& state = at.state;
   const std::vector<Component>& columns = data.columns();
   const auto n = static_cast<Eigen::Index>(columns.size());
-  WidthProblem out{MatrixXd::Zero(n, n),
-                   VectorXd::Zero(n),
+  NormalPart all =
+      std::move(normal_parts(at, std::vector<int>(recording.samples.size(), 0), 1).front());
+  WidthProblem out{std::move(all.normal),
+                   std::move(all.gradient),
                    VectorXd::Zero(n),
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
                    static_cast<int>(groups.groups.size())};
-  MatrixXd rows;
-  long rank = 0;
-  for (size_t g = 0; g < data.groups().size(); ++g) {
-    const GroupShape& shape = data.groups()[g];
-    data.square_root(static_cast<int>(g), state, 0, rows);
-    const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
-    const auto m = static_cast<Eigen::Index>(shape.columns.size());
-    const MatrixXd gram = left.transpose() * left;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      out.gradient(shape.columns[i]) += gram(i, m);
-      for (Eigen::Index j = 0; j < m; ++j)
-        out.normal(shape.columns[i], shape.columns[j]) += gram(i, j);
-    }
-  }
   const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);

@@ -18,7 +18,7 @@ double value_of(const ParameterTable& table, const VectorXd& initial, const Vect
 /// Returns group (-1: none, its prior stays) and starting width of every number that has a prior.
 std::map<Component, std::pair<int, double>> starting_widths(const AutomaticGroups& groups);
 
-/// The data's problem at a fit, without priors.
+/// The data's problem at a fit, without what is assumed.
 struct DataProblem {
   std::shared_ptr<Estimation> problem;
   VectorXd state;
@@ -32,5 +32,13 @@ DataProblem data_problem(const Recording& recording, const EstimationSetup& fitt
 /// Returns its quadratic model.
 FitWidths width_problem(const Recording& recording, const DataProblem& at,
                         const AutomaticGroups& groups);
+
+/// Part of the normal equations of a problem, private unknowns eliminated.
+struct NormalPart {
+  MatrixXd normal;
+  VectorXd gradient;
+};
+/// Returns the parts of sets of samples. `set` is by sample of the recording; -1: in none.
+std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<int>& set, int count);
 
 }  // namespace kincal

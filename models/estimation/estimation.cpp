@@ -24,14 +24,17 @@ struct Estimation::Parts {
 
   /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
   /// paths.
-  void walk(const PlacedSample& s, const VectorXd& state, Scratch& to, bool derivatives) const {
-    motion.walk(s, state, to);
-    if (!derivatives) return;
+  bool walk(const PlacedSample& s, const VectorXd& state, Scratch& to, bool derivatives) const {
+    if (!motion.walk(s, state, to)) return false;
+    if (!derivatives) return true;
+    if (layout.rig.elasticity) differentiate(*layout.rig.elasticity->skeleton, to.bent);
     for (size_t w = 0; w < s.layout->paths.size(); ++w) {
       const SensorPath& path = s.layout->paths[w];
       motion.path_columns(path, path.motion, static_cast<int>(path.places.size()), state, to,
                           to.paths[w]);
+      if (!path.bending.empty()) motion.bending_columns(path, s, state, to, to.paths[w]);
     }
+    return true;
   }
 
   Layout layout;
@@ -157,6 +160,11 @@ std::vector<char> Estimation::influencing() const {
         const int drv = driver(layout.rig.tree, step.joint).joint;
         for (int p = layout.table.joint_offset[drv]; p < layout.table.joint_origin[drv]; ++p)
           use(p);
+        use(layout.table.compliance[step.joint]);
+        for (size_t j = 0; layout.rig.elasticity && j < layout.table.load.size(); ++j)
+          if (layout.rig.elasticity->skeleton->index[step.joint] >= 0 &&
+              layout.rig.elasticity->skeleton->carries(step.joint, static_cast<int>(j)))
+            use(layout.table.load[j]);
       }
     }
   return used;
@@ -177,7 +185,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   }
   const PlacedSample& s = *placed;
   Scratch& scratch = parts_->scratch[worker];
-  parts_->walk(s, state, scratch, false);
+  if (!parts_->walk(s, state, scratch, false)) return false;
   for (const PlacedView& v : s.views)
     if (!whitened.view_rows(v, s, state, scratch, false, cost)) return false;
   const int errors = s.errors();
@@ -215,7 +223,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   const PlacedSample& s = *placed;
   Scratch& scratch = parts_->scratch[worker];
   const int size = layout.groups[group].size();
-  parts_->walk(s, state, scratch, true);
+  if (!parts_->walk(s, state, scratch, true)) return false;
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, scratch, true, cost)) return false;
     const int w = v.layout->columns.total + 1;
@@ -336,7 +344,7 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   }
   rows.setZero(most, size + 1);
   Cost cost;
-  walk(s, state, local, true);
+  if (!walk(s, state, local, true)) return false;
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
     const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
@@ -452,13 +460,13 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   out.reserve(views);
   Scratch& scratch = parts_->scratch[0];
   for (const PlacedSample& s : layout.taking_part()) {
-    motion.walk(s, state, scratch);
+    const bool stands = motion.walk(s, state, scratch);
     for (const PlacedView& v : s.views) {
       ViewResiduals r;
       r.view = v.view;
       r.sample = s.index;
       Cost cost;
-      const bool defined = whitened.view_rows(v, s, state, scratch, false, cost);
+      const bool defined = whitened.view_rows(v, s, state, scratch, false, cost) && stands;
       r.whitened.resize(v.layout->rows());
       const int k = v.layout->model->rows(), blocks = v.layout->blocks();
       for (int b = 0; b < blocks; ++b)

@@ -168,6 +168,11 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
         std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
       s.noisy.push_back(drv);
   }
+  if (rig.elasticity)  // what any joint carries may bend another
+    for (size_t j = 0; j < rig.tree.joints.size(); ++j)
+      if (rig.tree.joints[j].has_axis() &&
+          std::find(s.joints.begin(), s.joints.end(), static_cast<int>(j)) == s.joints.end())
+        s.joints.push_back(static_cast<int>(j));
   s.paths.push_back(std::move(path));
   return static_cast<int>(s.paths.size()) - 1;
 }
@@ -228,24 +233,29 @@ int place_of(const std::map<int, int>& places, int column) {
 
 }  // namespace
 
+namespace {
+
+/// Adds a column, or several that follow each other; what comes twice shares them.
+void add_columns(MotionColumns m, int place, std::vector<MotionColumns>& to, SensorPath& path) {
+  const auto it = std::find(path.places.begin(), path.places.end(), place);
+  m.first = static_cast<int>(it - path.places.begin());
+  if (it == path.places.end())
+    for (int i = 0; i < m.count; ++i) path.places.push_back(place < 0 ? place - i : place + i);
+  to.push_back(m);
+}
+
+}  // namespace
+
 /// The path's columns of M: joints' offsets, scales, errors and origins.
 void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
                           const SampleLayout& s) const {
   path.motion.clear();
+  path.bending.clear();
   path.places.clear();
   path.noise.clear();
   path.noisy.clear();
   path.sensor_side = false;
-  const auto add =
-      [&](MotionColumns m,
-          int place) {  // a column, or several that follow each other; what comes twice shares them
-        const auto it = std::find(path.places.begin(), path.places.end(), place);
-        m.first = static_cast<int>(it - path.places.begin());
-        if (it == path.places.end())
-          for (int i = 0; i < m.count; ++i)
-            path.places.push_back(place < 0 ? place - i : place + i);
-        path.motion.push_back(m);
-      };
+  const auto add = [&](MotionColumns m, int place) { add_columns(m, place, path.motion, path); };
   for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
     const int j = path.steps[k].joint, origin = table.joint_origin[j];
     if (freed[origin]) {
@@ -286,13 +296,67 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
       path.noise.push_back(m);
     }
   }
+  if (rig.elasticity) place_bending(path, places, s);
   // Into the order of their places. Columns of one origin follow each other there as well.
   const std::vector<int> found = path.places;
   std::sort(path.places.begin(), path.places.end());
-  for (MotionColumns& m : path.motion)
-    m.first =
-        static_cast<int>(std::lower_bound(path.places.begin(), path.places.end(), found[m.first]) -
-                         path.places.begin());
+  for (std::vector<MotionColumns>* program : {&path.motion, &path.bending})
+    for (MotionColumns& m : *program)
+      m.first = static_cast<int>(
+          std::lower_bound(path.places.begin(), path.places.end(), found[m.first]) -
+          path.places.begin());
+}
+
+/// What moves the path because some of its joints bend: compliances, loads, and whatever turns a
+/// joint that carries one of them or is carried. (Of the noise of readings only mode `latent` has
+/// it: elsewhere it would change covariances by a thousandth.)
+void Layout::place_bending(SensorPath& path, const std::map<int, int>& places,
+                           const SampleLayout& s) const {
+  const Skeleton& skeleton = *rig.elasticity->skeleton;
+  std::vector<int> bending;
+  for (const PathStep& step : path.steps)
+    if (skeleton.index[step.joint] >= 0) bending.push_back(step.joint);
+  const auto any = [&](auto related) {
+    return std::any_of(bending.begin(), bending.end(), related);
+  };
+  const auto add = [&](MotionColumns m, int joint, int place) {
+    m.bent_by = joint;
+    path.sensor_side = path.sensor_side || path.scan_step >= 0;
+    add_columns(m, place, path.bending, path);
+  };
+  const auto add_all = [&](Source source, int joint, int parameter) {
+    if (parameter < 0 || !freed[parameter]) return;
+    MotionColumns m{source};
+    m.parameter = parameter;
+    m.count = static_cast<int>(freed[parameter]->components.size());
+    add(m, joint, place_of(places, first_column[parameter]));
+  };
+  for (int j = 0; j < static_cast<int>(rig.tree.joints.size()); ++j) {
+    if (any([&](int i) { return skeleton.carries(i, j); }))
+      add_all(Source::load, j, table.load[j]);
+    else if (!any([&](int i) { return skeleton.carries(j, i); }))
+      continue;
+    if (std::count(bending.begin(), bending.end(), j))
+      add_all(Source::compliance, j, table.compliance[j]);
+    add_all(Source::origin, j, table.joint_origin[j]);
+    const Joint& joint = rig.tree.joints[j];
+    if (!joint.moves() || joint.type == JointType::prismatic) continue;
+    const Driver drv = driver(rig.tree, j);
+    MotionColumns m{Source::joint_number, -1, drv.factor, drv.joint};
+    int first = 0;  // own number of the parameter's first component
+    for (int p = table.joint_offset[drv.joint]; p < table.joint_origin[drv.joint]; ++p) {
+      for (size_t i = 0; freed[p] && i < freed[p]->components.size(); ++i) {
+        m.number = first + freed[p]->components[i];
+        if (rig.joints[drv.joint].model->depends(m.number, s.pieces[drv.joint]))
+          add(m, j, place_of(places, first_column[p] + static_cast<int>(i)));
+      }
+      first += table.all[p].size();
+    }
+    const auto noisy = std::find(s.noisy.begin(), s.noisy.end(), drv.joint);
+    m.source = Source::error;
+    if (noisy != s.noisy.end())
+      add(m, j, static_cast<int>(6 * s.targets.size() + (noisy - s.noisy.begin())));
+  }
 }
 
 namespace {

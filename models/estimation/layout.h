@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "../../solver/kernels.h"
+#include "../rig/elasticity.h"
 #include "../rig/recording.h"
 #include "expand.h"
 #include "setup.h"
@@ -16,13 +17,14 @@
 namespace kincal {
 
 /// A Source is what fills columns of M.
-enum class Source { joint_number, error, origin, sensor_pose, target_pose };
+enum class Source { joint_number, error, origin, compliance, load, sensor_pose, target_pose };
 
 struct MotionColumns {
   Source source;
   int step = -1;       // in the path, for joints
   double factor = 1;   // d position / d position of the driver
   int joint = -1;      // the driver, whose reading and numbers count
+  int bent_by = -1;    // through bending: the joint whose turning, load or compliance it is
   int number = -1;     // which of them
   int parameter = -1;  // of a partly freed pose, for its chart
   int first = 0;       // column
@@ -35,13 +37,14 @@ struct MotionColumns {
 struct SensorPath {
   int from = -1, to = -1, scanning_joint = -1;
   Path steps;
-  int scan_step = -1;                 // step of the scanning joint
-  int scan_numbers = 0;               // own numbers of its model
-  bool sensor_side = false;           // what is estimated moves the scanning joint, or the sensor
-  std::vector<MotionColumns> motion;  // M's columns of joints
-  std::vector<int> places;            // place in the group of each of these columns, ascending
-  std::vector<MotionColumns> noise;   // Mq of modes marginal and point: one column a noisy joint
-  std::vector<int> noisy;             // whose columns these are: the joints, once each
+  int scan_step = -1;                  // step of the scanning joint
+  int scan_numbers = 0;                // own numbers of its model
+  bool sensor_side = false;            // what is estimated moves the scanning joint, or the sensor
+  std::vector<MotionColumns> motion;   // M's columns of joints
+  std::vector<MotionColumns> bending;  // what these and others add through bending joints
+  std::vector<int> places;             // place in the group of each of these columns, ascending
+  std::vector<MotionColumns> noise;    // Mq of modes marginal and point: one column a noisy joint
+  std::vector<int> noisy;              // whose columns these are: the joints, once each
 
   int rows() const { return sensor_side ? 12 + scan_numbers : 6; }
   /// Returns whether something at a step moves the sensor's side of the scanning joint.
@@ -171,6 +174,8 @@ struct Layout {
   GroupShape place_columns(SampleLayout& sample) const;
   void place_joints(SensorPath& path, const std::map<int, int>& places,
                     const SampleLayout& sample) const;
+  void place_bending(SensorPath& path, const std::map<int, int>& places,
+                     const SampleLayout& sample) const;
   void place_view(ViewLayout& v, const std::map<int, int>& places,
                   const SampleLayout& sample) const;
   int place_sum(const ViewLayout& v, const GroupShape& shape);

@@ -59,6 +59,7 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
     s.motion.resize(layout.rig.tree.joints.size());
     s.moved.resize(layout.rig.tree.joints.size());
     s.reading.resize(layout.rig.tree.joints.size());
+    if (layout.rig.elasticity) s.bent.resize(*layout.rig.elasticity->skeleton);
     s.paths.resize(paths);
     for (PathAtState& path : s.paths) {
       path.frames.resize(steps);
@@ -77,9 +78,10 @@ Motion::Motion(const Layout& layout) : layout_(layout), charts_(layout.table.all
     for (int j : entry.second->joints) {
       if (cache_of_[j] >= 0) continue;
       cache_of_[j] = static_cast<int>(caches_.size());
-      caches_.push_back({j, layout.freed[layout.table.joint_origin[j]] == nullptr,
-                         tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(),
-                         Matrix3d::Zero(), Matrix3d::Zero(), Vector3d::Zero()});
+      caches_.push_back(
+          {j, layout.freed[layout.table.joint_origin[j]] == nullptr && !layout.rig.elasticity,
+           tree.joints[j].type == JointType::prismatic, driver(tree, j), Pose(), Matrix3d::Zero(),
+           Matrix3d::Zero(), Vector3d::Zero()});
       caches_.back().set_origin(tree.joints[j].parent_T_joint, tree.joints[j].axis);
     }
 }
@@ -117,13 +119,39 @@ void Motion::JointCache::set_origin(const Pose& pose, const Vector3d& axis) {
   versine = sine * skew(axis);
 }
 
-void Motion::walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+bool Motion::walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
   const bool stands = layout_.columns.empty() && s.layout->noisy.empty();
-  if (stands && scratch.walked == &s && scratch.version == version_) return;
+  if (stands && scratch.walked == &s && scratch.version == version_) return true;
   motions(s, state, scratch);
+  if (layout_.rig.elasticity && !bend_joints(s, state, scratch)) return false;
   walk_paths(s, state, scratch);
   scratch.walked = &s;
   scratch.version = version_;
+  return true;
+}
+
+/// Puts the deflections of the equilibrium between origins and motions of the sample's joints.
+bool Motion::bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+  const Rig& rig = layout_.rig;
+  const Sample& sample = layout_.recorded[s.index];
+  BentPosture& bent = scratch.bent;
+  set_elasticity(rig, layout_.table, state, bent);
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
+    const Joint& joint = rig.tree.joints[j];
+    bent.origin[j] =
+        get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start).rotation;
+    bent.motion[j] = stands_for_balance(rig, sample.readings, static_cast<int>(j))
+                         ? joint_motion(joint, 0).rotation
+                         : scratch.motion[j].rotation;
+  }
+  const Skeleton& skeleton = *rig.elasticity->skeleton;
+  if (!bend(skeleton, bent)) return false;
+  for (int i = 0; i < skeleton.size(); ++i) {
+    const int j = skeleton.bending[i];
+    scratch.motion[j].rotation = bent.bend[i] * scratch.motion[j].rotation;
+    scratch.moved[j].rotation = bent.origin[j] * scratch.motion[j].rotation;
+  }
+  return true;
 }
 
 /// Motions of all joints of the sample and their readings with errors.
@@ -177,7 +205,7 @@ Pose back(const Pose& reached, const Pose& step) {
 }  // namespace
 
 /// Walks the sample's paths. A step's frame is that of the joint before its motion where its origin
-/// is estimated; elsewhere one in which the joint's axis is the same.
+/// is estimated or it bends; elsewhere one in which the joint's axis is the same.
 void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
   for (size_t w = 0; w < s.layout->paths.size(); ++w) {
     const SensorPath& path = s.layout->paths[w];
@@ -197,7 +225,8 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
         reached = down ? Pose() : inverse(origin());  // from the far side on
         continue;
       }
-      if (layout_.freed[layout_.table.joint_origin[j]])
+      const bool before = layout_.freed[layout_.table.joint_origin[j]] || bends(j);
+      if (before)
         walked.frames[k] = down    ? reached * origin()
                            : turns ? reached * inverse(scratch.motion[j])
                                    : reached;
@@ -205,7 +234,7 @@ void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& s
         walked.frames[k] = reached;
       const Pose step = turns ? scratch.moved[j] : origin();
       reached = down ? (k == 0 ? step : reached * step) : back(reached, step);
-      if (down && !layout_.freed[layout_.table.joint_origin[j]]) walked.frames[k] = reached;
+      if (down && !before) walked.frames[k] = reached;
     }
     walked.link_T_far = reached;
   }
@@ -243,11 +272,65 @@ void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumn
                                            ? model.by_own(column.number, reading, own)
                                            : model.by_reading(reading, own));
     if (column.step != twist_step) {
-      twist = position_twist(layout_.rig.tree.joints[step.joint], step.direction,
-                             walked.frames[column.step]);
+      Pose frame = walked.frames[column.step];
+      if (bends(step.joint))
+        frame.rotation =
+            frame.rotation * scratch.bent.bend[layout_.rig.elasticity->skeleton->index[step.joint]];
+      twist = position_twist(layout_.rig.tree.joints[step.joint], step.direction, frame);
       twist_step = column.step;
     }
     m.block<6, 1>(row, column.first) += by * twist;
+  }
+}
+
+void Motion::bending_columns(const SensorPath& path, const PlacedSample& s, const VectorXd& state,
+                             Scratch& scratch, PathAtState& walked) const {
+  const Rig& rig = layout_.rig;
+  const Skeleton& skeleton = *rig.elasticity->skeleton;
+  const BentPosture& bent = scratch.bent;
+  const BendingColumns& through = scratch.through_bending;
+  const int rows = std::min(path.rows(), 12);
+  scratch.by_delta.setZero(rows, 3 * skeleton.size());
+  for (size_t k = 0; k < path.steps.size(); ++k) {
+    const int i = skeleton.index[path.steps[k].joint];
+    if (i >= 0)
+      scratch.by_delta.block<6, 3>(path.on_sensor_side(static_cast<int>(k)) ? 6 : 0, 3 * i) =
+          deflection_twists(bent, i, path.steps[k].direction, walked.frames[k]);
+  }
+  through_equilibrium(bent, scratch.by_delta, scratch.through_bending);
+  for (const MotionColumns& column : path.bending) {
+    const int j = column.bent_by;
+    auto m = walked.twists.block(0, column.first, rows, column.count);
+    switch (column.source) {
+      case Source::origin: {
+        const ThreeColumns turned = bent_by_origin(skeleton, bent, through, j);
+        if (charts_[column.parameter].size() > 0)
+          m += turned.lazyProduct(charts_[column.parameter].bottomRows<3>());
+        else
+          m.rightCols(3) += turned;
+        break;
+      }
+      case Source::compliance:
+      case Source::load: {
+        const ThreeColumns moved = column.source == Source::load
+                                       ? bent_by_load(skeleton, bent, through, j)
+                                       : bent_by_compliance(skeleton, bent, through, j);
+        const std::vector<int>& components = layout_.freed[column.parameter]->components;
+        for (int c = 0; c < column.count; ++c) m.col(c) += moved.col(components[c]);
+        break;
+      }
+      default: {
+        if (stands_for_balance(rig, layout_.recorded[s.index].readings, j)) break;
+        const JointModel& model = *rig.joints[column.joint].model;
+        const double* own =
+            state.data() + layout_.table.all[layout_.table.joint_offset[column.joint]].start;
+        const double reading = scratch.reading[column.joint];
+        m += column.factor *
+             (column.source == Source::joint_number ? model.by_own(column.number, reading, own)
+                                                    : model.by_reading(reading, own)) *
+             bent_by_position(skeleton, bent, through, j, rig.tree.joints[j].axis);
+      }
+    }
   }
 }
 

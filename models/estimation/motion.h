@@ -29,6 +29,9 @@ struct alignas(kCacheLine) Scratch {
   std::vector<Pose> motion;     // by joint
   std::vector<Pose> moved;      // by joint: origin * motion, parent_T_child
   std::vector<double> reading;  // by joint, error included
+  BentPosture bent;             // where joints bend
+  MatrixXd by_delta;
+  BendingColumns through_bending;
   std::vector<PathAtState> paths;
   ViewInput input;
   Scan scan;
@@ -65,9 +68,13 @@ class Motion {
   void forget() { ++version_; }
   /// Computes the motions of a sample's joints and what lies along its paths. What nothing that is
   /// estimated moves stays from the last call.
-  void walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  /// False where its joints bend and there is no equilibrium.
+  bool walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   void path_columns(const SensorPath& path, const std::vector<MotionColumns>& program, int count,
                     const VectorXd& state, Scratch& scratch, PathAtState& walked) const;
+  /// Adds to path.motion's columns what moves through bending joints.
+  void bending_columns(const SensorPath& path, const PlacedSample& s, const VectorXd& state,
+                       Scratch& scratch, PathAtState& walked) const;
   void view_poses(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
                   Scratch& scratch) const;
   void seen_from_sensor(const PlacedView& v, const PlacedSample& s, const VectorXd& state,
@@ -90,6 +97,10 @@ class Motion {
     void set_origin(const Pose& pose, const Vector3d& axis);
   };
   void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  bool bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  bool bends(int joint) const {
+    return layout_.rig.elasticity && layout_.rig.elasticity->skeleton->index[joint] >= 0;
+  }
   void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 

@@ -299,7 +299,7 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
             text("the data speak too little for their being off (log evidence %.1f, 3 is needed). ",
                  g.gain) +
             "To estimate them all the same, free each by name (`free`), as " + g.numbers[0].name);
-      } else if (!g.held && g.name != "gears" && g.name.rfind("curve/", 0) != 0) {
+      } else if (!g.held && g.name != "gears" && !is_further(g.name)) {
         report.solution.without_effect.push_back(
             "`group` " + quoted(g.name) +
             " changes nothing: it is among those tried anyway, and was "
@@ -308,21 +308,23 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
     }
 }
 
-/// A message where error curves were asked for and the data speak for none.
-void say_no_curves(const GroupChoice& choice, Report& report) {
-  const Rig& rig = report.solution.rig();
+/// A message where groups of further models were asked for and the data speak for none of them.
+void say_no_further(const GroupChoice& choice, Report& report) {
+  const Tree& tree = report.solution.rig().tree;
+  std::vector<std::string> further = {kCompliance, kComplianceAcross, kLoads};
+  for (const Joint& joint : tree.joints) further.push_back(kCurve + joint.name);
   for (const std::string& name : choice.with) {
     bool asked = false, found = false;
-    for (size_t j = 0; j < rig.joints.size(); ++j) {
-      const std::string curve = "curve/" + rig.tree.joints[j].name;
-      if (name != curve && !glob_matches(name, curve)) continue;
+    for (const std::string& one : further) {
+      if (name != one && !glob_matches(name, one)) continue;
       asked = true;
-      found = found || rig.joints[j].model != linear_joint();
+      found =
+          found || std::any_of(report.automatic.begin(), report.automatic.end(),
+                               [&](const AutomaticGroup& g) { return g.name == one && !g.held; });
     }
     if (asked && !found)
-      report.solution.without_effect.push_back(
-          "`group` " + quoted(name) +
-          " was asked for, yet the data do not speak for an error curve of any of these joints");
+      report.solution.without_effect.push_back("`group` " + quoted(name) +
+                                               " was asked for, yet the data do not speak for it");
   }
 }
 
@@ -355,7 +357,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (cannot_start(report.solution)) return recording;
     find_noise(options, calibration, report);
     say_groups_without_effect(options.groups, report);
-    say_no_curves(options.groups, report);
+    say_no_further(options.groups, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise || estimates_noise(given->rig, options)) {

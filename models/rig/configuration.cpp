@@ -3,7 +3,31 @@
 #include <algorithm>
 #include <cmath>
 
+#include "elasticity.h"
+#include "numbers.h"
+
 namespace kincal {
+
+void Configuration::bend_joints() {
+  auto bent = std::make_shared<BentPosture>();
+  const Skeleton& skeleton = *rig_->elasticity->skeleton;
+  bent->resize(skeleton);
+  set_elasticity(*rig_, *table_, *values_, *bent);
+  for (size_t j = 0; j < rig_->tree.joints.size(); ++j) {
+    const int joint = static_cast<int>(j);
+    bent->origin[j] = origin(joint).rotation;
+    const double q = stands_for_balance(*rig_, *readings_, joint) ? 0 : position(joint);
+    bent->motion[j] = joint_motion(rig_->tree.joints[j], q).rotation;
+  }
+  if (!bend(skeleton, *bent))
+    for (Matrix3d& b : bent->bend) b.setConstant(kNan);
+  bent_ = std::move(bent);
+}
+
+Matrix3d Configuration::bend_of(int joint) const {
+  const int i = bent_ ? rig_->elasticity->skeleton->index[joint] : -1;
+  return i < 0 ? Matrix3d(Matrix3d::Identity()) : bent_->bend[i];
+}
 
 double Configuration::position(int joint) const {
   const Joint& asked = rig_->tree.joints[joint];

@@ -7,6 +7,7 @@
 // (Derivatives: models/estimation, models/analysis/frames.)
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "parameters.h"
@@ -22,7 +23,9 @@ class Configuration {
   /// joint is asked for.
   Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                 const std::vector<double>& readings)
-      : rig_(&rig), table_(&table), values_(&values), readings_(&readings) {}
+      : rig_(&rig), table_(&table), values_(&values), readings_(&readings) {
+    if (rig.elasticity) bend_joints();
+  }
 
   /// Returns the same configuration with another reading of one joint (of a scanning one: a ray's
   /// own).
@@ -33,6 +36,9 @@ class Configuration {
     return out;
   }
 
+  const Rig& rig() const { return *rig_; }
+  const ParameterTable& table() const { return *table_; }
+  const std::vector<double>& readings() const { return *readings_; }
   double reading(int joint) const { return joint == joint_ ? reading_ : (*readings_)[joint]; }
   /// Returns the numbers of a joint's model, from the offset on; the joint must have a reading.
   const double* own_numbers(int joint) const {
@@ -45,7 +51,17 @@ class Configuration {
   Pose origin(int joint) const {
     return get_pose(*values_, table_->all[table_->joint_origin[joint]].start);
   }
-  Pose motion(int joint) const { return joint_motion(rig_->tree.joints[joint], position(joint)); }
+  /// Returns what a joint does to its origin: how it bends, then how it moves.
+  Pose motion(int joint) const {
+    const Pose moved = joint_motion(rig_->tree.joints[joint], position(joint));
+    return bent_ ? Pose{bend_of(joint) * moved.rotation, bend_of(joint) * moved.translation}
+                 : moved;
+  }
+  /// Returns the equilibrium of the rig's elasticity; null where joints do not bend. Where there is
+  /// none, poses are NaN.
+  const BentPosture* bent() const { return bent_.get(); }
+  /// Returns exp(delta) of a joint that bends, else the identity.
+  Matrix3d bend_of(int joint) const;
 
   /// Returns the pose of link b in link a. @throws std::invalid_argument if a floating or planar
   /// joint lies between.
@@ -64,6 +80,9 @@ class Configuration {
   }
 
  private:
+  void bend_joints();
+
+  std::shared_ptr<const BentPosture> bent_;
   const Rig* rig_;
   const ParameterTable* table_;
   const VectorXd* values_;

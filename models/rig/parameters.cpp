@@ -28,6 +28,27 @@ std::vector<std::string> components_of(const JointNumber& number) {
   return out;
 }
 
+/// Adds compliances and loads where joints bend. `add` is that of the table.
+template <class Add>
+void add_elasticity(const Rig& rig, const Add& add, std::vector<int>& compliance,
+                    std::vector<int>& load) {
+  compliance.assign(rig.tree.joints.size(), -1);
+  load = compliance;
+  const auto numbers = [](const Vector3d& v) {
+    return std::vector<double>(v.data(), v.data() + 3);
+  };
+  for (size_t j = 0; rig.elasticity && j < load.size(); ++j) {
+    const Joint& joint = rig.tree.joints[j];
+    if (rig.elasticity->skeleton->index[j] >= 0)
+      compliance[j] = add(ParameterKind::compliance, j, "joint/" + joint.name + "/compliance",
+                          {"axis", "u", "v"}, {"rad/Nm", "rad/Nm", "rad/Nm"},
+                          numbers(rig.elasticity->compliance[j]));
+    if (joint.moves())
+      load[j] = add(ParameterKind::load, j, "link/" + rig.tree.links[joint.child] + "/load",
+                    {"x", "y", "z"}, {"kg m", "kg m", "kg m"}, numbers(rig.elasticity->load[j]));
+  }
+}
+
 }  // namespace
 
 std::vector<double> further_values(const JointSettings& joint) {
@@ -146,6 +167,7 @@ ParameterTable::ParameterTable(const Rig& rig)
     }
     target_points.push_back(points);
   }
+  add_elasticity(rig, add, compliance, load);
   const auto mount = [&](int pose, int joint) {
     if (pose < 0 || joint < 0) return pose;
     return all[pose].replaced_by = joint_origin[joint];
@@ -180,6 +202,13 @@ Rig centred(Rig rig) {
                     joint.further.begin() + (p.start - first));
           break;
         }
+        case ParameterKind::compliance:
+        case ParameterKind::load:
+          if (rig.elasticity)
+            (p.kind == ParameterKind::load ? rig.elasticity->load
+                                           : rig.elasticity->compliance)[p.owner] =
+                Eigen::Map<const Vector3d>(nominal.numbers.data());
+          break;
         case ParameterKind::square:
           rig.targets[p.owner].square = nominal.numbers[0];
           break;

@@ -15,6 +15,8 @@ enum class ParameterKind {
   joint_scale,
   joint_shape,  // what a joint model adds to offset and scale
   joint_origin,
+  compliance,  // of a joint, about its axis and across it
+  load,        // of a link that a joint moves; its owner is the joint
   sensor_pose,
   intrinsics,
   distortion,
@@ -78,8 +80,9 @@ struct ParameterTable {
   std::vector<int> joint_offset, joint_scale,
       joint_origin;  // by joint; the parameters of a joint's model are those from the offset on,
                      // up to its origin
-  std::vector<int> sensor_pose;   // by sensor
-  std::vector<int> sensor_block;  // by sensor: its first own block; blocks follow one another
+  std::vector<int> compliance, load;  // by joint, where joints bend
+  std::vector<int> sensor_pose;       // by sensor
+  std::vector<int> sensor_block;      // by sensor: its first own block; blocks follow one another
   std::vector<int> target_pose, target_square, target_warp, target_points;  // by target
   std::vector<int> sensor_mount, target_mount;  // what is calibrated of where it is: its pose, or
                                                 // the origin that replaces it

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "../../kinematics/tree.h"
+#include "../../kinematics/bending.h"
 #include "../../solver/loss.h"
 #include "../joints/joint_model.h"
 #include "../sensors/sensor.h"
@@ -89,6 +89,19 @@ struct Step {
   std::vector<PriorSetting> priors;
 };
 
+/// An Elasticity says how joints bend under the weight of what they carry (kinematics/bending.h).
+/// Numbers stand by joint, zero where one does not bend or carries nothing that moves.
+struct Elasticity {
+  Vector3d gravity{0, 0, -9.81};  // m/s^2, seen from the base
+  Matrix3d root_R_base = Matrix3d::Identity();
+  bool rotor = false;                // compliances turn with the joints' outputs
+  bool added = false;                // by the automatic path, which tries it anew
+  std::vector<Vector3d> compliance;  // about the axis and across it, rad/Nm
+  std::vector<double> turned;        // of the directions across the axis, about it, rad
+  std::vector<Vector3d> load;        // first moment of the link that the joint moves, kg m
+  std::shared_ptr<const Skeleton> skeleton;
+};
+
 /// A NominalValue is what a parameter was before any calibration: what the automatic path's widths
 /// are centred on. A pose's stands in `pose`.
 struct NominalValue {
@@ -103,6 +116,8 @@ struct Rig {
   std::vector<JointSettings> joints;  // by joint index; of those without a reading meaningless
   std::vector<Target> targets;
   std::vector<Sensor> sensors;
+  std::vector<LinkMass> masses;          // by link, as the URDF has them; empty: unknown
+  std::optional<Elasticity> elasticity;  // none: joints do not bend (elasticity.h)
   std::vector<Step> steps;
   std::vector<PriorSetting> priors;   // of the automatic path, where there are no steps
   std::vector<NominalValue> nominal;  // of what an automatic calibration changed

@@ -45,6 +45,9 @@ using K = ParameterKind;
 // joint_scale: teeth are counted, so a ratio is right to 0.1 %; belts and hobby servos are not. 0.3
 //   % off is another gear or encoder.
 // joint_origin: links are machined; 2.5 times their width is a number mistyped in the URDF.
+// compliance: drives of arms yield by some urad/Nm. load: links weigh some kilograms, and reach
+// some
+//   decimetres. Their widths on the automatic path go by what they bend (automatic/bending.h).
 // poses: mounts have no width, for everything else is measured from them: they are free. What
 //   nobody measured was put where it looks right; by then 25 cm and 14 degrees are no guess.
 // intrinsics: a data sheet has the focal length to some percent; 20 % off is another lens or
@@ -66,6 +69,8 @@ constexpr ScaleRow kScaleRows[] = {
     {K::joint_shape,  "",    no,     no,      0.01_n, no,    no,     no,     no,   no,     no},
     {K::joint_origin, "rad", 2_mrad, 5_deg,   1_deg,  3_deg, 30_deg, no,     no,   10_deg, 0.25_n},
     {K::joint_origin, "m",   1_mm,   5_cm,    1_cm,   3_cm,  30_cm,  2.5_mm, no,   10_cm,  25_cm},
+    {K::compliance, "rad/Nm", no,    1e-5_n,  1e-5_n, no,    no,     no,     no,   no,     no},
+    {K::load,         "kg m", no,    0.5_n,   0.5_n,  no,    no,     no,     no,   no,     no},
     {K::sensor_pose,  "rad", no,     5_deg,   1_deg,  3_deg, 30_deg, no,     no,   10_deg, 0.25_n},
     {K::sensor_pose,  "m",   no,     5_cm,    1_cm,   3_cm,  30_cm,  no,     no,   10_cm,  25_cm},
     {K::target_pose,  "rad", no,     5_deg,   1_deg,  3_deg, 30_deg, no,     no,   10_deg, 0.25_n},

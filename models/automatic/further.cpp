@@ -1,0 +1,235 @@
+#include "further.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "../../solver/decompositions.h"
+#include "../joints/joint_models.h"
+#include "../rig/elasticity.h"
+#include "../rig/folds.h"
+
+namespace kincal {
+namespace {
+
+constexpr int kFurtherRounds = 20, kFolds = 5;
+constexpr double kStarts[] = {1, 10};  // of a group's widths
+
+/// Where the parameters of a recording are in one with more of them: by index.
+std::vector<int> places_of(const ParameterTable& table, const ParameterTable& in) {
+  std::vector<int> out;
+  size_t next = 0;
+  for (const Parameter& p : table.all) {
+    while (in.all[next].name != p.name) ++next;
+    out.push_back(static_cast<int>(next++));
+  }
+  return out;
+}
+
+VectorXd moved(const VectorXd& shared, const ParameterTable& table, const ParameterTable& to,
+               const std::vector<int>& places) {
+  VectorXd out = to.initial;
+  for (size_t p = 0; p < places.size(); ++p) {
+    const Parameter& parameter = table.all[p];
+    const int size = parameter.pose ? 12 : parameter.size();
+    out.segment(to.all[places[p]].start, size) = shared.segment(parameter.start, size);
+  }
+  return out;
+}
+
+/// The fit in the parameters of the further model, with the groups of that behind its own.
+FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
+  const ParameterTable &from = fit.recording->table, &to = model.recording->table;
+  const std::vector<int> places = places_of(from, to);
+  FitWithGroups out = fit;
+  out.recording = model.recording;
+  for (Freed& f : out.setup.free) f.parameter = places[f.parameter];
+  if (out.setup.initial.size() > 0) out.setup.initial = moved(fit.setup.initial, from, to, places);
+  for (WidthGroup& group : out.groups.groups)
+    for (Member& m : group.members) m.component.parameter = places[m.component.parameter];
+  for (Member& m : out.groups.stated) m.component.parameter = places[m.component.parameter];
+  out.groups.groups.insert(out.groups.groups.end(), model.groups.begin(), model.groups.end());
+  out.values = values_in(fit, *model.recording);
+  out.factor.conservativeResizeLike(
+      VectorXd::Ones(static_cast<Eigen::Index>(out.groups.groups.size())));
+  return out;
+}
+
+/// The problem of one group alone: the fit's unknowns eliminated, with their widths as they are.
+WidthProblem alone(const WidthProblem& p, const VectorXd& factor, int first_further, int group) {
+  std::vector<int> own, others;
+  for (int i = 0; i < p.start.size(); ++i)
+    if (p.group[i] == group)
+      own.push_back(i);
+    else if (p.group[i] < first_further)
+      others.push_back(i);
+  MatrixXd h = p.normal(others, others);
+  VectorXd b = p.gradient(others);
+  for (size_t i = 0; i < others.size(); ++i) {
+    const int k = others[i];
+    if (p.start(k) == 0) continue;
+    const double t = p.start(k) * (p.group[k] < 0 ? 1 : factor(p.group[k]));
+    h(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) += 1 / (t * t);
+    b(static_cast<Eigen::Index>(i)) += p.at(k) / (t * t);
+  }
+  MatrixXd follow(h.rows(), static_cast<Eigen::Index>(own.size()) + 1);
+  follow << p.normal(others, own), b;
+  const MatrixXd moved = solve_symmetric(h, follow), across = p.normal(own, others);
+  WidthProblem out;
+  out.normal = p.normal(own, own) - across * moved.leftCols(moved.cols() - 1);
+  out.gradient = p.gradient(own) - across * moved.rightCols(1);
+  out.at = p.at(own);
+  out.start = p.start(own);
+  out.group.assign(own.size(), 0);
+  out.groups = 1;
+  return out;
+}
+
+/// The best widths of a problem of one group, from several starts.
+Widths best_widths(const WidthProblem& problem) {
+  Widths best;
+  double most = 0;
+  for (const double start : kStarts) {
+    Widths widths = learn_widths(problem, VectorXd::Constant(1, start), kFurtherRounds);
+    if (!widths.defined) continue;
+    const double u = std::log(widths.factor(0)) / std::log(3.0);
+    const double evidence = log_evidence(problem, widths.factor) - u * u / 2;
+    if (best.defined && !(evidence > most)) continue;
+    best = std::move(widths);
+    most = evidence;
+  }
+  return best;
+}
+
+/// What the samples of each fold say of a fit without them: twice their cost there, less that at
+/// the present values. `unknowns` are estimated, with the priors that `precision` has; those that a
+/// fold alone knows (the pose of a placement) are estimated from itself.
+double held_out_cost(const WidthProblem& at, const std::vector<NormalPart>& folds,
+                     const VectorXd& precision, const std::vector<int>& unknowns) {
+  double out = 0;
+  for (const NormalPart& fold : folds) {
+    std::vector<int> known, own;
+    for (const int i : unknowns)
+      (precision(i) == 0 && at.normal(i, i) - fold.normal(i, i) <= 1e-9 * fold.normal(i, i) ? own
+                                                                                            : known)
+          .push_back(i);
+    const VectorXd pull = precision.cwiseProduct(at.at);
+    MatrixXd h = at.normal(known, known) - fold.normal(known, known);
+    h.diagonal() += precision(known);
+    const VectorXd b = at.gradient(known) - fold.gradient(known) + pull(known);
+    const VectorXd step = -solve_symmetric(h, b);
+    out += 2 * fold.gradient(known).dot(step) + step.dot(fold.normal(known, known) * step);
+    if (own.empty()) continue;
+    const VectorXd left = fold.gradient(own) + fold.normal(own, known) * step;
+    out -= left.dot(VectorXd(solve_symmetric(fold.normal(own, own), left)));
+  }
+  return out;
+}
+
+/// Of groups that gain evidence (in this order) those that make samples of other blocks fit better,
+/// each on top of those before.
+std::vector<int> cross_validated(const WidthProblem& at, const std::vector<NormalPart>& folds,
+                                 const VectorXd& factor, int first_further,
+                                 const std::vector<int>& gaining) {
+  VectorXd precision = VectorXd::Zero(at.start.size());
+  std::vector<int> unknowns;
+  for (int i = 0; i < precision.size(); ++i) {
+    const double width = at.start(i) * (at.group[i] < 0 ? 1 : factor(at.group[i]));
+    if (width > 0) precision(i) = 1 / (width * width);
+    if (at.group[i] < first_further) unknowns.push_back(i);
+  }
+  std::vector<int> out;
+  double least = held_out_cost(at, folds, precision, unknowns);
+  for (const int group : gaining) {
+    std::vector<int> more = unknowns;
+    for (int i = 0; i < precision.size(); ++i)
+      if (at.group[i] == group) more.push_back(i);
+    const double cost = held_out_cost(at, folds, precision, more);
+    if (!(cost < least)) continue;
+    least = cost;
+    unknowns = std::move(more);
+    out.push_back(group);
+  }
+  return out;
+}
+
+}  // namespace
+
+Values values_in(const FitWithGroups& fit, const Recording& recording) {
+  const ParameterTable &from = fit.recording->table, &to = recording.table;
+  Values out = fit.values;
+  out.shared = moved(fit.values.shared, from, to, places_of(from, to));
+  return out;
+}
+
+std::shared_ptr<const Recording> with_curves(const Recording& recording,
+                                             const std::vector<int>& joints) {
+  Rig rig = recording.rig;
+  for (const int j : joints) rig.joints[j].model = find_joint_model(joint_models(), "curve");
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+std::shared_ptr<const Recording> with_elasticity(const Recording& recording, bool rotor) {
+  Rig rig = recording.rig;
+  if (!rig.elasticity) rig.elasticity = nominal_elasticity(rig);
+  rig.elasticity->rotor = rotor;
+  rig.elasticity->added = true;
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+std::shared_ptr<const Recording> without_added(const Recording& recording) {
+  Rig rig = recording.rig;
+  for (JointSettings& joint : rig.joints)
+    if (joint.model->name() == "curve" &&
+        std::all_of(joint.further.begin(), joint.further.end(), [](double v) { return v == 0; })) {
+      joint.model = linear_joint();
+      joint.further.clear();
+    }
+  if (rig.elasticity && rig.elasticity->added) {
+    const Elasticity nominal = nominal_elasticity(rig);
+    rig.elasticity->added = false;
+    if (rig.elasticity->gravity == nominal.gravity && rig.elasticity->load == nominal.load)
+      rig.elasticity.reset();
+  }
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
+                       const Recording& folded) {
+  FurtherTrial out;
+  const FitWithGroups with = moved(fit, model);
+  const DataProblem data = data_problem(*with.recording, with.setup, with.values, with.groups);
+  const WidthProblem at = width_problem(*with.recording, data, with.groups).problem;
+  const auto first = static_cast<int>(fit.groups.groups.size());
+  VectorXd factor = with.factor;
+  std::vector<std::pair<double, int>> gaining;
+  for (int group = first; group < factor.size(); ++group) {
+    const WidthProblem one = alone(at, factor, first, group);
+    const Widths learned = best_widths(one);
+    if (!learned.defined) continue;
+    factor(group) = learned.factor(0);
+    const double gain = evidence_gain(one, learned, 0);
+    if (gain >= kEvidence) gaining.push_back({-gain, group});
+  }
+  if (gaining.empty()) return out;
+  std::sort(gaining.begin(), gaining.end());
+  std::vector<int> order;
+  for (const auto& entry : gaining) order.push_back(entry.second);
+  std::vector<NormalPart> parts;
+  try {
+    const Folds folds = deal_folds(folded.rig, folded.samples, kFolds);
+    parts = normal_parts(data, folds.of, folds.count);
+  } catch (const std::invalid_argument&) {  // fewer blocks than folds
+    return out;
+  }
+  for (const int group : cross_validated(at, parts, factor, first, order)) {
+    const std::string& name = with.groups.groups[group].name;
+    out.groups.push_back(name);
+    out.factor[name] = factor(group);
+    for (const auto& entry : gaining)
+      if (entry.second == group) out.gain -= entry.first;
+  }
+  return out;
+}
+
+}  // namespace kincal

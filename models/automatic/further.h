@@ -1,0 +1,67 @@
+// Further models on the automatic path, which a URDF cannot hold: joints that bend under weights
+// (kinematics/bending.h) and error curves over their angles (joints/curve_joint.h). They are tried
+// behind the geometry, each on top of what was kept before:
+//
+//   compliance          about the joints' axes, with the loads that the rig begins with
+//   compliance across   of the joints' axes, in the stator's frame or the rotor's
+//   loads               first moments of the moving links
+//   curve/NAME          of a joint that turns
+//
+// They stand in for each other (a bent arm's error goes with the angles as well), so the order
+// matters: what has a physical reason goes first.
+//
+// A trial. At the fit so far, whose noise has in it what it lacks, the groups of the further model
+// are freed in the data's quadratic model, each alone with a learned width (from its start and from
+// ten times that: the evidence has local maxima; widths.h). One that gains evidence is added, the
+// largest gain first, if samples that the fit lacks (rig/folds.h) fit better with it: evidence
+// alone takes it for what goes with these postures only. With those everything is calibrated again,
+// noise and all, and those that lose their evidence on the way are left away.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "width_problem.h"
+
+namespace kincal {
+
+/// A FitWithGroups is what further models are tried on.
+struct FitWithGroups {
+  std::shared_ptr<const Recording> recording;  // with the noise that was found
+  EstimationSetup setup;
+  Values values;
+  AutomaticGroups groups;
+  VectorXd factor;  // of the groups' widths
+};
+
+/// A FurtherModel is a recording with more parameters, which change nothing yet, and their groups.
+struct FurtherModel {
+  std::shared_ptr<const Recording> recording;
+  std::vector<WidthGroup> groups;
+};
+/// Returns the recording with error curves of these joints.
+std::shared_ptr<const Recording> with_curves(const Recording& recording,
+                                             const std::vector<int>& joints);
+/// Returns the recording without what both of these have added, which nobody stated.
+std::shared_ptr<const Recording> without_added(const Recording& recording);
+/// Returns the recording with an elasticity, compliances of zero; gravity and loads of the rig's
+/// own, where it has one.
+std::shared_ptr<const Recording> with_elasticity(const Recording& recording, bool rotor);
+
+/// Returns the values of a fit in a recording with more parameters.
+Values values_in(const FitWithGroups& fit, const Recording& recording);
+
+/// A FurtherTrial says which groups of a further model pay, and by how much of log evidence all
+/// together.
+struct FurtherTrial {
+  std::vector<std::string> groups;
+  std::map<std::string, double> factor;  // of their widths
+  double gain = 0;
+};
+/// `folded` is the recording with the steps that were run: its folds are those of the trial.
+FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
+                       const Recording& folded);
+
+}  // namespace kincal
