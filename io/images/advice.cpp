@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 
 #include "../../models/rig/numbers.h"
@@ -22,7 +23,8 @@ std::string never_found(const ImageTarget& target, const std::vector<ImageTask>&
     if (std::none_of(task.wanted.begin(), task.wanted.end(),
                      [&](const ImageTask::Wanted& one) { return one.target == &target; }))
       continue;
-    const LoadedImage image = load_image(task.path, task.width, task.height);
+    const LoadedImage image =
+        load_image(task.path, task.camera->image_width, task.camera->image_height);
     if (image.grey.empty()) continue;
     ++looked;
     const cv::Size size = size_instead(image.grey, target);
@@ -69,17 +71,21 @@ std::string hardly_flat(const ImageTarget& target, const std::vector<ImageTask>&
              median(rms, 0), rms.size(), median(times, 0));
 }
 
-/// What to say where all images have one size, and not the rig's; "": nothing.
-std::string one_size_for_all(const std::vector<ImageTask>& tasks) {
-  if (tasks.empty()) return "";
-  const std::string& error = tasks[0].image.error;
-  for (const ImageTask& task : tasks)
-    if (task.image.error != error) return "";
-  if (error.rfind("has ", 0) != 0) return "";
-  return "all " + std::to_string(tasks.size()) + " images: each " + error +
-         ". Write the images' size there, and intrinsics of that size: of pictures half as wide "
-         "and "
-         "high, half of each";
+/// What to say of cameras whose images all have one size, and not the rig's.
+std::vector<std::string> other_sizes(const std::vector<ImageTask>& tasks) {
+  std::map<const Sensor*, std::vector<const ImageTask*>> cameras;
+  for (const ImageTask& task : tasks) cameras[task.camera].push_back(&task);
+  std::vector<std::string> out;
+  for (const auto& [camera, those] : cameras) {
+    const LoadedImage& first = those[0]->image;
+    if (!first.other_size.empty() &&
+        std::all_of(those.begin(), those.end(), [&](const ImageTask* one) {
+          return one->image.other_size == first.other_size;
+        }))
+      out.push_back("all " + std::to_string(those.size()) + " images of '" + camera->name +
+                    "': each " + first.error + ". " + cure_of_size(*camera, first.other_size));
+  }
+  return out;
 }
 
 /// Markers of one dictionary in some images.
@@ -144,7 +150,8 @@ std::string no_markers_found(const ImageTarget& target, const ImageTargets& foun
   std::vector<cv::Mat> images;  // from the first to the last
   for (size_t k = 0; k < std::min(looked_at, those.size()); ++k) {
     const ImageTask& task = *those[k * those.size() / std::min(looked_at, those.size())];
-    images.push_back(load_image(task.path, task.width, task.height).grey);
+    images.push_back(
+        load_image(task.path, task.camera->image_width, task.camera->image_height).grey);
   }
   if (images.empty()) return "";
   const MarkersThere there = markers_there(target, found, images);
@@ -203,7 +210,7 @@ std::vector<std::string> advice(const ImageTargets& known, const ImageTargets& f
     if (!note.empty()) out.push_back(std::move(note));
     if (note = hardly_flat(target, tasks); !note.empty()) out.push_back(std::move(note));
   }
-  if (const std::string note = one_size_for_all(tasks); !note.empty()) out.push_back(note);
+  for (std::string& note : other_sizes(tasks)) out.push_back(std::move(note));
   return out;
 }
 

@@ -243,15 +243,53 @@ Board whole_board(const cv::Mat& image, const Corners& corners, const cv::Size& 
   return out;
 }
 
+/// A Search is a way to look for a board: on a picture so many times smaller, by which of OpenCV's
+/// two methods.
+struct Search {
+  int smaller = 1;
+  bool sectors = true;
+};
+
+/// The ways, one after the other: a large picture costs many times what a small one does, which
+/// shows most boards as well.
+std::vector<Search> searches(const cv::Size& image) {
+  constexpr int kSmallest = 480;  // px, of the longer side
+  int smaller = 1;
+  while (std::max(image.width, image.height) >= 2 * smaller * kSmallest) smaller *= 2;
+  std::vector<Search> out;
+  for (; smaller > 0; smaller /= 2) out.push_back({smaller, true});
+  out.push_back({1, false});
+  return out;
+}
+
 /// OpenCV's corners; empty: none.
-Corners search(const cv::Mat& image, const cv::Size& size, bool sectors) {
+Corners corners_by(const Search& way, const cv::Mat& image, const cv::Size& size) {
+  cv::Mat small = image;
+  if (way.smaller > 1)
+    cv::resize(image, small, {}, 1. / way.smaller, 1. / way.smaller, cv::INTER_AREA);
   std::vector<cv::Point2f> found;
-  if (sectors
-          ? cv::findChessboardCornersSB(image, size, found, cv::CALIB_CB_NORMALIZE_IMAGE)
-          : cv::findChessboardCorners(image, size, found,
-                                      cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE))
-    return {found.begin(), found.end()};
-  return {};
+  if (!(way.sectors
+            ? cv::findChessboardCornersSB(small, size, found, cv::CALIB_CB_NORMALIZE_IMAGE)
+            : cv::findChessboardCorners(
+                  small, size, found, cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE)))
+    return {};
+  const cv::Point2d scale(static_cast<double>(image.cols) / small.cols,
+                          static_cast<double>(image.rows) / small.rows);
+  Corners out;
+  for (const cv::Point2f& p : found)
+    out.emplace_back((p.x + 0.5) * scale.x - 0.5, (p.y + 0.5) * scale.y - 0.5);
+  return out;
+}
+
+/// The corners of a numbered grid where the picture has them, and where they were guessed if it has
+/// not: a small picture says them to a few tenths of a pixel.
+Corners nearer(const cv::Mat& image, const Corners& corners, int rows, int columns) {
+  Corners out;
+  for (Saddle& one : saddles_of(corners, rows, columns)) {
+    refine(image, one, nullptr);
+    out.push_back(one.pixel);
+  }
+  return out;
 }
 
 }  // namespace
@@ -262,15 +300,16 @@ Detection find_chessboard(const cv::Mat& image, const ImageTarget& target,
   out.reason = "no chessboard of " + std::to_string(target.rows) + " x " +
                std::to_string(target.columns) + " inner corners";
   const cv::Size size(target.columns, target.rows);
-  for (const bool sectors : {true, false}) {
+  for (const Search& way : searches(image.size())) {
     cv::Mat rest = image;
     constexpr int kBoards = 4;  // larger ones that are looked past
     for (int i = 0; i < kBoards && !rest.empty(); ++i) {
-      Corners corners = search(rest, size, sectors);
+      Corners corners = corners_by(way, rest, size);
       if (corners.empty()) break;
       const Board board = whole_board(rest, corners, size);
       if (!board.corners.empty()) {
         corners = numbered(image, board.corners, target.rows, target.columns);
+        if (way.smaller > 1) corners = nearer(image, corners, target.rows, target.columns);
         out = refined(image, compression, saddles_of(corners, target.rows, target.columns));
         if (2 * out.ids.size() >= corners.size()) return out;
         out = {};

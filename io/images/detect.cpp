@@ -76,10 +76,14 @@ bool seen_before(const ImageTarget& target, const Detection& found, const PlaneV
 }  // namespace
 
 /// The steepest edges are as steep as the blur lets them: a step of height A blurred by sigma has
-/// the slope A / (sigma sqrt(2 pi)).
+/// the slope A / (sigma sqrt(2 pi)). Where the points are one row, the fields beside it are looked
+/// at as well.
 void judge(const cv::Mat& image, Detection& found) {
   std::vector<cv::Point2f> pixels(found.pixels.begin(), found.pixels.end());
-  const cv::Rect box = cv::boundingRect(pixels) & cv::Rect(0, 0, image.cols, image.rows);
+  cv::Rect box = cv::boundingRect(pixels);
+  const int side = std::max(box.width, box.height) / std::max(1, static_cast<int>(pixels.size()));
+  const cv::Point wider(std::max(0, side - box.width / 2), std::max(0, side - box.height / 2));
+  box = cv::Rect(box.tl() - wider, box.br() + wider) & cv::Rect(0, 0, image.cols, image.rows);
   if (box.width < 5 || box.height < 5) return;
   const cv::Mat part = image(box);
   std::array<int, 256> levels{};

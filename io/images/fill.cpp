@@ -71,7 +71,7 @@ void draw_found(const ImageTask& task, const std::string& folder) {
 }
 
 void work(ImageTask& task, const FillOptions& options) {
-  task.image = load_image(task.path, task.width, task.height);
+  task.image = load_image(task.path, task.camera->image_width, task.camera->image_height);
   try {
     if (!task.image.grey.empty())
       for (const std::vector<size_t>& group : by_print(task)) {
@@ -314,8 +314,7 @@ Filled fill_samples(const RigFile& rig, const std::string& path, const FillOptio
       if (!targets.count(target))
         throw InputError(path + ": there is no target '" + target + "' in " + rig.path);
       const auto at = known.emplace(std::make_pair(shown, seen_by.name), tasks.size());
-      if (at.second)
-        tasks.push_back({image.string(), shown, seen_by.image_width, seen_by.image_height, {}, {}});
+      if (at.second) tasks.push_back({image.string(), shown, &seen_by, {}, {}});
       tasks[at.first->second].wanted.push_back(
           {static_cast<int>(s), static_cast<int>(v), &targets.at(target), {}});
     }
@@ -356,7 +355,7 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
       for (const auto& [name, value] : row->joints) joints[name] = value;
       for (const auto& [name, value] : row->poses) joints[name] = pose(value);
     }
-    ImageTask task{image, image, sensor.image_width, sensor.image_height, {}, {}};
+    ImageTask task{image, image, &sensor, {}, {}};
     Json views = Json::array();
     for (const auto& [name, target] : targets) {
       task.wanted.push_back(

@@ -15,7 +15,7 @@ using ImageTargets = std::map<std::string, ImageTarget>;
 /// An ImageTask is one image and the views that it is to fill.
 struct ImageTask {
   std::string path, shown;
-  int width = 0, height = 0;
+  const Sensor* camera = nullptr;
   struct Wanted {
     int sample = 0, view = 0;
     const ImageTarget* target = nullptr;

@@ -5,6 +5,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "../../models/rig/words.h"
+#include "../exchange/lens.h"
+
 namespace kincal {
 namespace {
 
@@ -96,6 +99,7 @@ LoadedImage fitting_image(const cv::Mat& image, int width, int height) {
   } else if (width > 0 && (image.cols != width || image.rows != height)) {
     out.error = "has " + size_text(image.cols, image.rows) + " pixels, the rig's image_size is " +
                 size_text(width, height);
+    out.other_size = image.size();
   } else if (image.depth() != CV_8U) {
     double low = 0, high = 0;
     cv::minMaxLoc(image, &low, &high);
@@ -106,6 +110,24 @@ LoadedImage fitting_image(const cv::Mat& image, int width, int height) {
     out.grey = image;
   }
   return out;
+}
+
+std::string cure_of_size(const Sensor& camera, const cv::Size& size) {
+  const std::string again = "or take pictures of " +
+                            size_text(camera.image_width, camera.image_height) + " again",
+                    written = "image_size: [" + std::to_string(size.width) + ", " +
+                              std::to_string(size.height) + "]";
+  const double x = static_cast<double>(size.width) / camera.image_width,
+               y = static_cast<double>(size.height) / camera.image_height;
+  const std::vector<double> lens = lens_of(camera).intrinsics;
+  if (lens.size() != 4 || std::abs(x - y) * std::max(size.width, size.height) > 1)
+    return "Write " + written + ", with intrinsics of such pictures, " + again;
+  return text(
+      "If they show the same, smaller or larger (scaled, binned), write %s, intrinsics: "
+      "[%.7g, %.7g, %.7g, %.7g]; if they are a part of it, that size with cx and cy counted "
+      "from its corner; %s",
+      written.c_str(), x * lens[0], y * lens[1], x * (lens[2] + 0.5) - 0.5,
+      y * (lens[3] + 0.5) - 0.5, again.c_str());
 }
 
 }  // namespace kincal

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "../../models/rig/numbers.h"
 #include "finders.h"
 #include "markers.h"
 
@@ -15,6 +16,7 @@ namespace {
 constexpr double kSmooth = 0.9;    // px, sigma of the Gaussian before gradients
 constexpr double kWhole = 1.1;     // px, sigma of that, of a pixel and of differences
 constexpr double kMost = 10;       // px: farther away the lens bends the edges
+constexpr double kNarrow = 3;      // px, of the window to every side: less tells no corner
 constexpr int kMargin = 4;         // px around the window that filters need
 constexpr double kFloor = 0.0035;  // px, of a coordinate: what sampling does
 constexpr double kThinnest = 1.4;  // blurs that the strip beside an edge has at least
@@ -90,23 +92,31 @@ struct Slopes {
   Patch dx, dy;
 };
 
-/// Gradients of a square of pixels, `half` to every side of the middle; beyond the rim of the image
-/// its pixels are repeated.
-Slopes slopes_around(const cv::Mat& image, const cv::Point& middle, int half) {
+/// Gradients of a square of pixels, `half` to every side of the middle, as they were if the light
+/// were the same there; beyond the rim of the image its pixels are repeated.
+Slopes slopes_around(const cv::Mat& image, const cv::Point& middle, int half,
+                     const cv::Vec2d& light) {
   const int reach = half + kMargin;
   Patch grey(2 * reach + 1, 2 * reach + 1);
   for (int y = 0; y < grey.cols(); ++y) {
     const uchar* from = image.ptr(std::clamp(middle.y + y - reach, 0, image.rows - 1));
     for (int x = 0; x < grey.rows(); ++x)
-      grey(x, y) = from[std::clamp(middle.x + x - reach, 0, image.cols - 1)];
+      grey(x, y) = from[std::clamp(middle.x + x - reach, 0, image.cols - 1)] *
+                   static_cast<float>(1 - light[0] * (x - reach) - light[1] * (y - reach));
   }
   const Filters& f = filters();
   return {filtered(grey, f.slope, f.smooth), filtered(grey, f.smooth, f.slope)};
 }
 
-/// Gram matrix of the gradients, and how far they would move the corner: a step from q, px.
-cv::Vec2d step_from(const Slopes& slopes, const Window& window, const cv::Point2d& q,
-                    cv::Matx22d& gram) {
+/// What the gradients say of a corner at q: their Gram matrix, how far they would move it (px), and
+/// how far from it their edges run (px, rms).
+struct Pull {
+  cv::Matx22d gram;
+  cv::Vec2d step;
+  double miss = 0;
+};
+
+Pull pull_at(const Slopes& slopes, const Window& window, const cv::Point2d& q) {
   const Eigen::Index width = slopes.dx.rows();
   const Line right =
       Line::LinSpaced(width, 0, static_cast<float>(width - 1)) - static_cast<float>(q.x);
@@ -115,7 +125,7 @@ cv::Vec2d step_from(const Slopes& slopes, const Window& window, const cv::Point2
       strip(1 / window.strip[0], 1 / window.strip[1]);
   const auto hill = [](const auto& x) { return (1 - x.square()).max(0).square(); };
   Line a(width), b(width), weights(width), r(width);
-  double xx = 0, xy = 0, yy = 0, x0 = 0, y0 = 0;
+  double xx = 0, xy = 0, yy = 0, x0 = 0, y0 = 0, rr = 0;
   for (Eigen::Index y = 0; y < slopes.dx.cols(); ++y) {
     const auto gx = slopes.dx.col(y), gy = slopes.dy.col(y);
     const float down = static_cast<float>(static_cast<double>(y) - q.y);
@@ -127,9 +137,10 @@ cv::Vec2d step_from(const Slopes& slopes, const Window& window, const cv::Point2
     xx += (weights * gx * gx).sum(), xy += (weights * gx * gy).sum();
     yy += (weights * gy * gy).sum();
     x0 += (weights * r * gx).sum(), y0 += (weights * r * gy).sum();
+    rr += (weights * r * r).sum();
   }
-  gram = cv::Matx22d(xx, xy, xy, yy);
-  return gram.inv() * cv::Vec2d(x0, y0);
+  const cv::Matx22d gram(xx, xy, xy, yy);
+  return {gram, gram.inv() * cv::Vec2d(x0, y0), std::sqrt(rr / (xx + yy))};
 }
 
 /// The products of two or one patches, weighed by the noise of the pixels. `origin`: where in the
@@ -198,10 +209,15 @@ cv::Matx22d covariance(const Slopes& slopes, const Window& window, const cv::Poi
   return inverse * cc * inverse.t();
 }
 
+/// How far around a place the image goes, px: nothing is known beyond its rim.
+double inside(const cv::Mat& image, const cv::Point2d& at) {
+  return std::min(std::min(at.x, at.y), std::min(image.cols - 1 - at.x, image.rows - 1 - at.y)) - 1;
+}
+
 /// Whether four fields meet at a corner, dark and bright in turn: at the rim of a print one or
 /// three are dark.
 bool fields_meet(const cv::Mat& image, const Saddle& corner) {
-  constexpr double kInside = 0.7, kLeast = 0.2;  // of the strip; of what is between the fields
+  constexpr double kInside = 0.7, kApart = 0.2;  // of the strip; of what is between the fields
   const double s = kInside * corner.strip;
   const auto field = [&](double x, double y) {
     return brightness(image, corner.pixel + cv::Point2d(corner.sides * cv::Vec2d(x, y)));
@@ -211,17 +227,103 @@ bool fields_meet(const cv::Mat& image, const Saddle& corner) {
   const auto [low, high] = std::minmax({one[0], one[1], two[0], two[1]});
   const bool dark = one[0] + one[1] < two[0] + two[1];
   const auto &below = dark ? one : two, &above = dark ? two : one;
-  return std::min(above[0], above[1]) - std::max(below[0], below[1]) > kLeast * (high - low);
+  return std::min(above[0], above[1]) - std::max(below[0], below[1]) > kApart * (high - low);
+}
+
+/// A Level is how bright a field of the print is, and where.
+struct Level {
+  cv::Point2d at;
+  double grey = 0;
+};
+
+/// The levels of the two bright fields at a corner, without the dark that blur brings into them
+/// from beside: along the edges, as far as the fields are plain. `look`: contrast and blur.
+void add_levels(const cv::Mat& image, const Saddle& one, const Detection& look,
+                std::vector<Level>& out) {
+  constexpr double kMostDark = 0.06;                          // of what is between dark and bright
+  const double beside = one.squares ? 0.3 : one.strip / 1.8;  // units: the middle of the strip
+  const double sigma = std::sqrt(look.blur * look.blur + 0.25);  // px: of edges, between pixels
+  const double area = std::abs(cv::determinant(one.sides));
+  std::array<Level, 4> fields{};  // the first and the last are of one kind
+  for (size_t i = 0; i < 4; ++i) {
+    const double x = i < 2 ? -1 : 1, y = i % 2 == 0 ? -1 : 1;
+    for (const double along : {0.16, 0.23, 0.3, 0.37, 0.44})
+      for (const int edge : {0, 1}) {
+        const double away = beside * area / cv::norm(one.sides.col(edge));  // px
+        const double dark = one.squares ? 0 : std::erfc(away / sigma * std::sqrt(0.5));
+        const cv::Vec2d place =
+            edge == 0 ? cv::Vec2d(x * along, y * beside) : cv::Vec2d(x * beside, y * along);
+        const cv::Point2d at = one.pixel + cv::Point2d(one.sides * place);
+        if (dark > kMostDark ||
+            !(at.x >= 0 && at.y >= 0 && at.x < image.cols - 1 && at.y < image.rows - 1))
+          return;
+        fields[i].grey += 0.1 * (brightness(image, at) + 255 * look.contrast * dark);
+        fields[i].at += 0.1 * at;
+      }
+  }
+  const bool first = fields[0].grey + fields[3].grey > fields[1].grey + fields[2].grey;
+  out.push_back(fields[first ? 0 : 1]);
+  out.push_back(fields[first ? 3 : 2]);
+}
+
+/// Says how the light changes at the corners: a polynomial of the levels, if it explains them.
+void add_light(const cv::Mat& image, const Detection& look, std::vector<Saddle>& saddles) {
+  constexpr int kFewest = 12, kEnough = 36;  // levels, for a plane; for a polynomial of degree 2
+  constexpr double kLeft = 0.33;             // of what differs, at most
+  std::vector<Level> levels;
+  for (const Saddle& one : saddles) add_levels(image, one, look, levels);
+  const int n = static_cast<int>(levels.size()), terms = n < kEnough ? 3 : 6;
+  if (n < kFewest) return;
+  const cv::Point2d middle = 0.5 * cv::Point2d(image.cols, image.rows);
+  const auto seen_from = [&](const cv::Point2d& at) { return (at - middle) / middle.x; };
+  cv::Mat a(n, terms, CV_64F), b(n, 1, CV_64F), c;
+  for (int i = 0; i < n; ++i) {
+    const Level& level = levels[static_cast<size_t>(i)];
+    const cv::Point2d at = seen_from(level.at);
+    const std::array<double, 6> row = {1, at.x, at.y, at.x * at.x, at.x * at.y, at.y * at.y};
+    for (int k = 0; k < terms; ++k) a.at<double>(i, k) = row[static_cast<size_t>(k)];
+    b.at<double>(i) = std::log(std::max(1., level.grey));
+  }
+  if (!cv::solve(a, b, c, cv::DECOMP_SVD)) return;
+  if (cv::norm(a * c - b) > kLeft * cv::norm(b - cv::mean(b)[0])) return;
+  c.resize(6, cv::Scalar(0));
+  const double* k = c.ptr<double>();
+  for (Saddle& one : saddles) {
+    const cv::Point2d at = seen_from(one.pixel);
+    one.light = cv::Vec2d((k[1] + 2 * k[3] * at.x + k[4] * at.y) / middle.x,
+                          (k[2] + k[4] * at.x + 2 * k[5] * at.y) / middle.x);
+  }
+}
+
+/// Leaves out corners beside which something lies before the print: edges miss them that miss the
+/// others less. Where one is hidden without doubt, those that are less so go with it.
+void leave_out_hidden(const std::vector<double>& misses, Detection& found) {
+  constexpr double kMore = 1.12, kSurely = 4, kLikely = 2.5;  // of the usual; spreads beyond it
+  const double usual = median(misses, 0);
+  std::vector<double> away;
+  for (const double miss : misses) away.push_back(std::abs(miss - usual));
+  const double spread = 1.48 * median(away, 0);
+  const auto beyond = [&](double miss, double spreads) {
+    return miss > std::max(kMore * usual, usual + spreads * spread);
+  };
+  if (std::none_of(misses.begin(), misses.end(), [&](double m) { return beyond(m, kSurely); }))
+    return;
+  size_t kept = 0;
+  for (size_t i = 0; i < misses.size(); ++i) {
+    if (beyond(misses[i], kLikely)) continue;
+    found.ids[kept] = found.ids[i];
+    found.pixels[kept++] = found.pixels[i];
+  }
+  found.ids.resize(kept);
+  found.pixels.resize(kept);
 }
 
 }  // namespace
 
 bool refine(const cv::Mat& image, Saddle& saddle, const PixelNoise* noise) {
   const cv::Point2d at = saddle.pixel;
-  const double room =
-      std::min(std::min(at.x, at.y), std::min(image.cols - 1 - at.x, image.rows - 1 - at.y));
-  const double most = std::min(kMost, room - 1);  // nothing is known beyond the rim of the image
-  if (most < 3) return false;
+  const double most = std::min(kMost, inside(image, at));
+  if (most < kNarrow) return false;
   Window window;
   window.units = saddle.sides.inv();
   cv::Vec2d half;
@@ -235,22 +337,25 @@ bool refine(const cv::Mat& image, Saddle& saddle, const PixelNoise* noise) {
   }
   const int size = static_cast<int>(std::ceil(std::max(half[0], half[1]))) + 2;
   const cv::Point middle(cvRound(at.x), cvRound(at.y)), corner = middle - cv::Point(size, size);
-  const Slopes slopes = slopes_around(image, middle, size);
+  const Slopes slopes = slopes_around(image, middle, size, saddle.light);
   const cv::Point2d start = at - cv::Point2d(corner);
   cv::Point2d q = start;
-  cv::Matx22d gram;
+  Pull pull;
   for (int pass = 0; pass < 30; ++pass) {
-    const cv::Vec2d step = step_from(slopes, window, q, gram);
+    pull = pull_at(slopes, window, q);
+    const cv::Matx22d& gram = pull.gram;
     if (!(cv::determinant(gram) > 1e-3 * gram(0, 0) * gram(1, 1))) return false;  // one edge
-    q += cv::Point2d(step[0], step[1]);
+    q += cv::Point2d(pull.step[0], pull.step[1]);
     if (!(cv::norm(q - start) < std::max(1.5, 0.5 * thin))) return false;
-    if (cv::norm(step) < 1e-3) break;
+    if (cv::norm(pull.step) < 1e-3) break;
   }
+  if (inside(image, q + cv::Point2d(corner)) < kNarrow) return false;  // it was guessed farther in
   if (noise) {
-    const cv::Matx22d c = covariance(slopes, window, q, gram, corner, *noise);
+    const cv::Matx22d c = covariance(slopes, window, q, pull.gram, corner, *noise);
     saddle.sigma = std::sqrt(0.5 * (c(0, 0) + c(1, 1)));
   }
   saddle.pixel = q + cv::Point2d(corner);
+  saddle.miss = pull.miss;
   return true;
 }
 
@@ -267,9 +372,11 @@ Detection refined(const cv::Mat& image, const Compression& compression,
   }
   const PixelNoise pixel_noise{out.noise, compression};
   out.pixels.clear();
+  add_light(image, out, saddles);
   const size_t stride = 1 + saddles.size() / kSigmas;
   double floor = 0, noise = 0;  // squared sigmas
   int count = 0;                // of noise
+  std::vector<double> misses;   // of the corners that are kept
   for (Saddle& one : saddles) {
     const double across = std::abs(cv::determinant(one.sides)) /
                           std::max(cv::norm(one.sides.col(0)), cv::norm(one.sides.col(1)));
@@ -291,11 +398,13 @@ Detection refined(const cv::Mat& image, const Compression& compression,
     if (with_sigma) noise += one.sigma * one.sigma, ++count;
     out.ids.push_back(one.id);
     out.pixels.push_back(one.pixel);
+    misses.push_back(one.miss);
   }
+  leave_out_hidden(misses, out);
   if (out.ids.empty()) return out;
   floor /= static_cast<double>(out.ids.size());
   out.floor = std::sqrt(floor);
-  if (count > 0) out.sigma = std::sqrt(noise / count + floor);
+  if (count > 0 && out.noise > 0) out.sigma = std::sqrt(noise / count + floor);
   return out;
 }
 

@@ -31,7 +31,9 @@ struct Saddle {
   cv::Matx22d sides;            // px of one unit of the print, as columns along the two edges
   double reach = 0, strip = 0;  // units that are plain: along an edge, and beside it
   bool squares = false;         // the fields around it are plain squares, and go on as such
+  cv::Vec2d light;              // the share by which the light grows, of a pixel along x and y
   double sigma = 0;             // px of a coordinate, by the noise of the pixels
+  double miss = 0;              // px, rms: how far from the corner its edges run
 };
 
 /// A PixelNoise is how wrong pixels are: grey levels from pixel to pixel, and what was compressed.

@@ -41,6 +41,8 @@ struct SearchParts {
     }
     if (!loaded.error.empty()) {
       out.unusable = "images of '" + camera.name + "' cannot be used: an image " + loaded.error;
+      if (!loaded.other_size.empty())
+        out.unusable += ". " + cure_of_size(camera, loaded.other_size);
       return out;
     }
     for (const std::string& note : loaded.notes)

@@ -31,6 +31,9 @@
 #include "../../io/urdf/edit.h"
 #include "../../io/urdf/edit_mjcf.h"
 #include "../../models/report/study.h"
+#ifdef KINCAL_FUZZ_IMAGES
+#include "../../io/images/compression.h"
+#endif
 #include "fuzz.h"
 
 namespace {
@@ -199,6 +202,20 @@ void calibration(const std::string& text) {
   if (report->solution.status != Status::undefined_start) make_results(file, *report, {});
 }
 
+#ifdef KINCAL_FUZZ_IMAGES
+/// The tables of a JPEG: what is cut off behind them has the same ones.
+void jpeg(const std::string& text) {
+  const Compression whole = compression_of(text);
+  for (size_t quarters : {1, 2, 3}) {
+    const Compression part =
+        compression_of(std::string_view(text).substr(0, text.size() * quarters / 4));
+    if (part.any() && part.steps != whole.steps)
+      throw std::logic_error("what is cut off has others");
+  }
+  if (!whole.any()) throw InputError("there are no steps in it");
+}
+#endif
+
 Readers all_readers() {
   Readers out = {{"urdf", urdf},
                  {"rig", rig},
@@ -212,6 +229,9 @@ Readers all_readers() {
                  {"dh", dh},
                  {"kinematics", kinematics},
                  {"lerobot", lerobot}};
+#ifdef KINCAL_FUZZ_IMAGES
+  out.emplace("jpeg", jpeg);
+#endif
 #ifdef KINCAL_FUZZ_BAGS
   out.merge(bag_readers());
 #endif

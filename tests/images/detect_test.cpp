@@ -12,6 +12,7 @@
 #include <set>
 
 #include "../../io/document/yaml.h"
+#include "../../io/images/saddle.h"
 #include "../../models/rig/targets.h"
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
@@ -524,6 +525,94 @@ TEST_CASE("images: corners of a ChArUco board that its markers leave no room are
   const Honesty small = honesty(true, {20, 55, 1.2, 2});
   CHECK(small.found < 0.5);
   CHECK(honesty(true, {40, 60, 0.8, 2}).errors < 0.05 * 0.05);
+}
+
+namespace {
+
+const ImageTarget& charuco_board() {
+  static const ImageTarget board = target_of(
+      "{type: charuco, rows: 5, columns: 7, square: 1, marker: 0.7, dictionary: DICT_5X5_250}",
+      {GridLayout::Kind::charuco, 5, 7});
+  return board;
+}
+
+}  // namespace
+
+TEST_CASE("images: a corner at the rim of the image that was guessed farther in is none") {
+  PictureCamera camera;
+  camera.noise = 1;
+  camera.k1 = 0;
+  aim(camera, (camera.cx - 2.5) / 40, 0, camera.f / 40);
+  const cv::Mat image =
+      render(camera, [](double x, double y) { return chessboard(x, y, 100, 100); });
+  const auto refined_from = [&](double x, double away, Saddle& corner) {
+    corner.pixel = project(camera, x, 1) + cv::Point2d(away, 0);
+    corner.sides = cv::Matx22d(40, 0, 0, 40);
+    corner.reach = corner.strip = 0.45;
+    return refine(image, corner, nullptr);
+  };
+  Saddle corner;
+  REQUIRE(project(camera, 0, 1).x < 4);
+  CHECK_FALSE(refined_from(0, 0, corner));
+  CHECK_FALSE(refined_from(0, 1.5, corner));  // a window there would be in the image
+  CHECK(refined_from(1, 1.5, corner));
+  CHECK(cv::norm(corner.pixel - project(camera, 1, 1)) < 0.1);
+}
+
+TEST_CASE("images: light that falls off moves no corner") {
+  for (const double light : {0., 0.4}) {
+    PictureCamera camera;
+    camera.vignetting = light;
+    camera.rotation = turned(0.2, -0.3, 0.2);
+    aim(camera, 3.5, 2.5, camera.f / 45);
+    camera.translation[0] += 3;  // to where it falls off most
+    const Errors markers =
+        errors_of(camera, charuco_board(),
+                  detect(render(camera, [](double x, double y) { return charuco(x, y, 5, 7, 1); }),
+                         charuco_board()));
+    const ImageTarget squares = target_of("{type: chessboard, rows: 4, columns: 5, square: 1}",
+                                          {GridLayout::Kind::corners, 4, 5});
+    const Errors plain = errors_of(
+        camera, squares,
+        detect(render(camera, [](double x, double y) { return chessboard(x, y, 4, 5); }), squares));
+    INFO(light << ": " << markers.count << " " << markers.rms << ", " << plain.count << " "
+               << plain.rms);
+    CHECK(markers.count >= 12);
+    CHECK(markers.rms < 0.009);  // of both coordinates
+    CHECK(plain.count == 20);
+    CHECK(plain.rms < 0.009);
+  }
+}
+
+TEST_CASE("images: a corner beside which something lies before the print is left out") {
+  PictureCamera camera;
+  camera.noise = 2;
+  camera.rotation = turned(0.2, 0.1, 0.2);
+  aim(camera, 2.5, 2.5, camera.f / 40);
+  const Detection found = detect(
+      render(camera,
+             [](double x, double y) {
+               return x > 3.12 + 0.3 * (y - 2) ? 1 : charuco(x, y, 5, 7, 1);  // 5 px from (3, 2)
+             }),
+      charuco_board());
+  const Errors e = errors_of(camera, charuco_board(), found);
+  INFO(e.count << " corners, worst " << e.worst << " px");
+  CHECK(e.count >= 8);
+  CHECK(e.worst < 0.1);
+  CHECK(std::count(found.ids.begin(), found.ids.end(), 8) == 0);
+}
+
+TEST_CASE("images: a row of corners has the noise of the fields beside it") {
+  PictureCamera camera;
+  camera.noise = 2;
+  aim(camera, 3.5, -2.5, camera.f / 60);  // the first row is the image's last
+  const Detection found = detect(
+      render(camera, [](double x, double y) { return charuco(x, y, 5, 7, 1); }), charuco_board());
+  INFO(found.reason);
+  REQUIRE(found.ids.size() >= 4);
+  REQUIRE(found.ids.back() < 6);
+  CHECK(found.noise == Approx(2).epsilon(0.15));
+  CHECK(found.sigma > 0.008);
 }
 
 // Not run with the others: errors in predicted sigmas, the second table of docs/results.md.

@@ -112,11 +112,14 @@ TEST_CASE("images: which layout a ChArUco board has is told by all images togeth
 TEST_CASE("images: what no image shows, and what is there instead") {
   const struct {
     const char *from, *to, *note;
-  } cases[] = {{"rows: 6", "rows: 7", "in 3 the print ends where it should be"},
-               {"DICT_5X5_250", "DICT_4X4_50",
-                "show markers of DICT_5X5_50, ids 0 to 20: write dictionary: DICT_5X5_50"},
-               {"[640, 480]", "[320, 240]",
-                "all 4 images: each has 640 x 480 pixels, the rig's image_size is 320 x 240"}};
+  } cases[] = {
+      {"rows: 6", "rows: 7", "in 3 the print ends where it should be"},
+      {"DICT_5X5_250", "DICT_4X4_50",
+       "show markers of DICT_5X5_50, ids 0 to 20: write dictionary: DICT_5X5_50"},
+      {"[640, 480]", "[320, 240]",
+       "all 4 images of 'eye': each has 640 x 480 pixels, the rig's image_size is 320 x 240. If "
+       "they show the same, smaller or larger (scaled, binned), write image_size: [640, "
+       "480], intrinsics: [1200, 1200, 640.5, 480.5]; if they are a part of it"}};
   for (const auto& one : cases) {
     const Folder folder;
     for (const char* name : {"1.png", "2.png", "3.png"})
