@@ -544,7 +544,7 @@ class Words(Case):
             result, text = self.calibrate(samples)
             self.assertEqual(result["verdict"]["use"], "doubts", text)
             self.assertIn("All sigmas were multiplied by 0.", result["verdict"]["text"])
-            stated = re.search(r"if that of the joints is right: sensors: {tracker: {sigma: (0\.0000\d+)}}", *result["verdict"]["next"])
+            stated = re.search(r"if that of the joints is right: sensors: {tracker: {sigma: (0\.0000\d+)}}", result["verdict"]["next"][1])
             self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: " + stated.group(1)))
             result, text = self.calibrate(samples)
             self.assertEqual(result["verdict"]["use"], "good", text)
