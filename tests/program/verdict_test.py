@@ -175,6 +175,12 @@ class Words(Case):
         result, _ = self.calibrate(self.rig, "--require", "chi2/dof<0.5", code=4)
         self.assertIn("; not met: chi2/dof<0.5", result["verdict"]["text"])
 
+    def test_nothing_to_explain(self):
+        """Sigmas stated ten times too large are found, but there was nothing for them to explain."""
+        said, _ = self.kincal("check", self.smaller_sigmas(0.1), self.samples, "--quiet")
+        self.assertTrue(said.startswith("sigma: "), said)
+        self.assertRegex(said, r"\nchi2/dof is 0\.01\d*: the fit itself needs no explanation\.\n$")
+
     def test_held_out(self):
         """Held-out samples that contradict the calibration are a doubt; right ones are not."""
         with open(self.samples, encoding="utf-8") as file:
