@@ -387,10 +387,11 @@ void warn_of_noise(const Report& report, Notices& out) {
     noise.cure = lacks ? "state the noise in the rig, if joints and sensors are that noisy"
                        : "state in the rig what you know of the noise";
     noise.otherwise = lacks ? "else the robot has what is not estimated (gears: `group` gears; "
-                              "play, bending, an error of a sensor), and sigmas are too small for "
-                              "that" +
+                              "play, bending, readings that are late, an error of a sensor), and "
+                              "sigmas are too small for that" +
                                   noisiest_words(report)
                             : "if that of the joints is right: " + sensors_as_seen(report);
+    if (lacks && neighbours_err_alike(report.solution, report.residuals)) say_no_noise(noise);
   }
   out.push_back(std::move(noise));
 }

@@ -13,8 +13,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kEven = 3;     // noise levels of two sensors, in their sigmas: at most so unlike
-constexpr double kAlike = 0.3;  // correlation of neighbours above which they err alike
+constexpr double kEven = 3;  // noise levels of two sensors, in their sigmas: at most so unlike
 constexpr double kMiddleOfTails = 0.3;
 constexpr double kNoNoise = 1e4;  // chi2/dof: no noise is misstated by a hundred times
 
@@ -23,21 +22,6 @@ const Notice* decisive_finding(const Report& report) {
     for (const Notice& f : report.diagnosis->findings)
       if (f.chi2_corrected && can_spoil_the_fit(f.kind)) return &f;
   return nullptr;
-}
-
-/// The correlation of the residuals of neighbouring points, over all training views: 0 for noise.
-double alike(const Report& report) {
-  double products = 0, squares = 0;
-  for (const ViewResiduals& v : report.residuals.after) {
-    const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
-    if (!report.solution.samples()[v.sample].train || points < 4 || v.raw.size() < points ||
-        !v.raw.allFinite())
-      continue;
-    const Eigen::Index rows = v.raw.size() / points, rest = v.raw.size() - rows;
-    products += v.raw.head(rest).dot(v.raw.tail(rest));
-    squares += v.raw.head(rest).squaredNorm();
-  }
-  return squares > 0 ? products / squares : 0;
 }
 
 /// Whether a few residuals of a sensor are far larger than its others: the middle one is far below
@@ -76,7 +60,8 @@ std::string uneven(const Report& report) {
            best->of + text(" %.3g times", times(best));
   if (!apart.empty()) return "far larger residuals than the others have " + listed(apart);
   if (few_are_far(report)) return "a few points have far larger residuals than the others";
-  if (alike(report) > kAlike) return "neighbouring points err alike";
+  if (neighbours_err_alike(report.solution, report.residuals))
+    return "neighbouring points err alike";
   return "";
 }
 
@@ -243,6 +228,18 @@ Verdict no_because(const Notice& cause, const Notice& fault) {
   return out;
 }
 
+/// How far the parameters of groups came out from the rig's, most unusual first; "": nothing.
+std::string widths_words(std::vector<AutomaticGroup> groups) {
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const auto& a, const auto& b) { return a.factor > b.factor; });
+  std::vector<std::string> words;
+  for (const AutomaticGroup& g : groups)
+    if (!g.held && !g.numbers.empty())
+      words.push_back(g.name + " " + shown_text(g.numbers[0].width, g.numbers[0].unit) +
+                      text(" (%.2g times as much as usual)", g.factor));
+  return words.empty() ? "" : "parameters are off from the rig's by about: " + listed(words);
+}
+
 }  // namespace
 
 Verdict verdict(const Report& report) {
@@ -269,8 +266,13 @@ Verdict verdict(const Report& report) {
            {"record more varied postures, or free less"}};
   } else {
     out.why = size_words(solution);
-    for (const std::string& holds : {unchecked_words(report), own_errors_words(report)})
+    const std::string own_errors = own_errors_words(report);
+    for (const std::string& holds :
+         {unchecked_words(report), own_errors, widths_words(report.automatic)})
       if (!holds.empty()) out.reasons.push_back(holds);
+    if (!own_errors.empty())
+      out.next = {
+          "if zeros of the robot may be wrong, log its joint readings and calibrate with its URDF"};
   }
   for (const Notice& w : report.warnings)
     if (!std::count(out.about.begin(), out.about.end(), w.kind)) out.see.push_back(w.kind);

@@ -193,6 +193,7 @@ void warn_of_motion(const Report& report, Notices& out) {
   const MotionLack lack = motion_lack(*report.solution.recording);
   if (lack.why.empty()) return;
   out.push_back(make_notice(NoticeKind::few_turns, {}, lack.why, "", lack.cure));
+  out.back().otherwise = lack.otherwise;
   if (report.solution.status == Status::unobservable) out.back().severity = Severity::fault;
 }
 
@@ -200,7 +201,8 @@ void warn_of_chi2(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   const double ratio = solution.chi2_per_dof();
   std::string whole;
-  if (exceeds(ratio, solution.dof_data)) whole = excess_text(ratio);
+  const bool exceeded = exceeds(ratio, solution.dof_data);
+  if (exceeded) whole = excess_text(ratio);
   if (falls_short(ratio, solution.dof_data) &&
       solution.noise != NoiseMode::point)  // there it means nothing
     whole = text(
@@ -229,9 +231,16 @@ void warn_of_chi2(const Report& report, Notices& out) {
     notice.why = std::move(notice.what);
     notice.what = std::move(whole);
   }
+  if (exceeded)
+    notice.why = text(
+                     "sigmas of the result take the noise as stated: they are %.2g times too small "
+                     "and more",
+                     std::sqrt(ratio)) +
+                 (notice.why.empty() ? "" : ". " + capital(notice.why));
   notice.cure = larger ? kLookOrState
                        : "state the sigmas that are seen (`estimate_noise`), or leave it at that: "
                          "the errors are smaller than the sigmas say";
+  if (larger && neighbours_err_alike(solution, report.residuals)) say_no_noise(notice);
   out.push_back(std::move(notice));
 }
 
