@@ -138,8 +138,9 @@ void warn_of_steps(const Report& report, Notices& out) {
         "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations",
         "", "free less, in more steps, or start nearer to the truth");
     const auto because = [&](const Notice& cause) {
-      notice.why = cause.what;
+      notice.why = cause.what + (cause.why.empty() ? "" : ". " + capital(cause.why));
       notice.cure = cause.cure;
+      notice.otherwise = cause.otherwise;
     };
     const std::optional<Notice> identity = counts_from_identity(solution),
                                 loose = loose_parameters(report);
