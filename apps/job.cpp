@@ -96,7 +96,7 @@ std::string in_program_words(std::string message) {
 }
 
 void in_program_words(Notice& notice) {
-  for (std::string* words : {&notice.what, &notice.why, &notice.cure})
+  for (std::string* words : {&notice.what, &notice.why, &notice.cure, &notice.otherwise})
     *words = in_program_words(std::move(*words));
 }
 
@@ -300,7 +300,8 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, ProgressL
     if (report.solution.status == Status::undefined_start && !report.no_consensus.empty())
       report.solution.message = "--reject: " + report.solution.message;
     report.verdict.why = in_program_words(report.verdict.why);
-    for (std::string& step : report.verdict.next) step = in_program_words(step);
+    for (std::vector<std::string>* words : {&report.verdict.next, &report.verdict.reasons})
+      for (std::string& one : *words) one = in_program_words(one);
     return report;
   } catch (const NameError& error) {
     throw with_nearest(error);

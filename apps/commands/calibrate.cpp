@@ -21,7 +21,7 @@ struct CalibrateArguments {
   bool force = false, dry_run = false, quiet = false, json = false, tables = false;
 };
 
-/// Where the result is, and where more of it is shown; after tables the verdict.
+/// Where the result is, and where more of it is shown.
 std::string where_text(const Report& report, const ResultFiles& files,
                        const CalibrateArguments& a) {
   std::string out = "Written to " + a.out;
@@ -29,7 +29,7 @@ std::string where_text(const Report& report, const ResultFiles& files,
     out += files.robot_urdf.empty() ? ": rig.yaml has what was found"
                                     : ": robot.urdf is the calibrated robot, rig.yaml the rig "
                                       "that goes with it";
-  if (a.tables) return out + "\n" + report.verdict.use + ": " + sentences(report.verdict) + "\n";
+  if (a.tables) return wrapped(out, "", 2);
   return wrapped(out, "", 2) +
          wrapped((a.settings.no_report ? "" : a.out + "/report.html (a browser), ") +
                      "kincal show " + shell_word(a.out) + ", or this with --tables",

@@ -340,7 +340,9 @@ std::string short_text(const Report& report, const ResultFiles& files) {
 }
 
 std::string report_text(const Report& report, const ResultFiles& files) {
-  std::string out;
+  const Node result = files.told();
+  const Field told = top(result, "result.json");
+  std::string out = verdict_lines(told) + verdict_details(told) + "\n";
   const std::string diagnosed =
       report.diagnosis ? "What may be wrong (kincal check)\n" + diagnosis_text(*report.diagnosis)
                        : "";

@@ -22,7 +22,7 @@ std::string no_start_text(const std::string& message, const std::optional<Diagno
 /// Shows the essentials, in 80 columns: verdict, errors, largest changes, warnings, and what
 /// options asked for (validation, restarts, outliers taken out).
 std::string short_text(const Report& report, const ResultFiles& files);
-/// Shows the whole report: steps, tables, what is not in the URDF, warnings.
+/// Shows the whole report: verdict, steps, tables, what is not in the URDF, warnings.
 std::string report_text(const Report& report, const ResultFiles& files);
 
 }  // namespace kincal

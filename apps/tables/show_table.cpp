@@ -6,6 +6,7 @@
 #include <map>
 #include <sstream>
 
+#include "../../models/notices/notice.h"
 #include "table.h"
 
 namespace kincal {
@@ -193,18 +194,38 @@ std::vector<std::string> unsaid(const Field& result, const char* key, bool remar
 
 }  // namespace
 
-std::string show_text(const Field& result, bool all) {
-  std::string out;
-  if (all) {
-    out = result["scene"]["robot"].string();
-    for (const char* key : {"serial", "time"})
-      if (result.has(key)) out += ", " + result[key].string();
-    out += "; calibrated " + result["input"]["date"].string() + ", kincal " +
-           result["kincal"].string();
-    out = wrapped(out, "", 0);
-  }
+std::string verdict_lines(const Field& result) {
   const Field verdict = result["verdict"];
-  out += wrapped(verdict["text"].string(), verdict["use"].string() + ": ", 2);
+  const std::vector<std::string> next = verdict["next"].strings();
+  return verdict["use"].string() + ": " + verdict["why"].string() +
+         "\nWhat to do: " + (next.empty() ? "nothing" : next[0]) + "\n";
+}
+
+std::string verdict_details(const Field& result) {
+  const Field verdict = result["verdict"];
+  std::string out;
+  const auto add = [&](const char* key, size_t first) {
+    if (!verdict.has(key)) return;
+    const std::vector<std::string> all = verdict[key].strings();
+    for (size_t i = first; i < all.size(); ++i) out += wrapped(capital(all[i]) + ".", "  ", 4);
+  };
+  add("reasons", 0);
+  add("next", 1);
+  add("notes", 0);
+  return out.empty() ? out : "\nMore on that\n" + out;
+}
+
+std::string show_text(const Field& result, bool all) {
+  std::string out = verdict_lines(result);
+  if (all) {
+    std::string of = result["scene"]["robot"].string();
+    for (const char* key : {"serial", "time"})
+      if (result.has(key)) of += ", " + result[key].string();
+    of += "; calibrated " + result["input"]["date"].string() + ", kincal " +
+          result["kincal"].string();
+    out += "\n" + wrapped(of, "", 0);
+  }
+  out += verdict_details(result);
   if (result.has("findings"))
     out += some_lines("What else may be wrong", unsaid(result, "findings", false));
   out += "\n" + error_table(result) + change_table(result);

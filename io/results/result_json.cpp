@@ -202,6 +202,7 @@ Json notice_json(const Notice& n, const std::vector<NoticeKind>& about) {
               {"what", n.what}};
   if (!n.why.empty()) out["why"] = n.why;
   if (!n.cure.empty()) out["cure"] = n.cure;
+  if (!n.otherwise.empty()) out["otherwise"] = n.otherwise;
   if (std::count(about.begin(), about.end(), n.kind)) out["in_verdict"] = true;
   if (is_of_directions(n.kind)) out["of_directions"] = true;
   return out;
@@ -449,7 +450,8 @@ Json findings_json(const Notices& findings, const std::vector<NoticeKind>& about
 Json verdict_json(const Verdict& v) {
   Json see = Json::array();
   for (const NoticeKind kind : v.see) see.push_back(id(kind));
-  return {{"use", v.use}, {"text", sentences(v)}, {"why", v.why}, {"next", v.next}, {"see", see}};
+  return {{"use", v.use},         {"text", sentences(v)}, {"why", v.why}, {"next", v.next},
+          {"reasons", v.reasons}, {"notes", notes(v)},    {"see", see}};
 }
 
 Json alternatives_json(std::vector<Alternative> alternatives) {

@@ -123,28 +123,28 @@ MotionLack motion_lack(const Recording& recording) {
   const Turned turned = flange < 0 ? turned_sensor(recording) : turned_flange(recording, flange);
   if (turned.what.empty() || (flange < 0 && !can_turn(recording))) return {};
   const std::string turn =
-      "turn " + turned.it +
-      " about at least two axes that are not parallel, by 30 degrees or more" +
-      (flange < 0
-           ? ""
-           : "; where it cannot turn, as that of a gantry, measure where the sensor or target "
-             "sits on it, and hold that (--fix 'sensor/NAME/pose.[xyz]')");
+      "turn " + turned.it + " about at least two axes that are not parallel, by 30 degrees or more";
+  const std::string otherwise =
+      flange < 0 ? ""
+                 : "where it cannot turn, as that of a gantry, measure where the sensor or the "
+                   "target is, write that pose into the rig, and hold its place (--fix "
+                   "'sensor/NAME/pose.[xyz]')";
   const size_t poses = count_postures(recording);
   if (poses < kFewestPoses)
     return {text("%zu ", poses) + (flange < 0 ? "posture" : "pose") + (poses == 1 ? "" : "s") +
                 " of " + (flange < 0 ? "the robot" : turned.what) + (poses == 1 ? " is" : " are") +
                 " too few to tell where things sit on it and around it",
-            text("take at least %zu poses, better 15, and ", kFewestPoses) + turn};
+            text("take at least %zu poses, better 15, and ", kFewestPoses) + turn, otherwise};
   const auto [most, others] = turned.turns;
   if (most < kEnoughTurn)
     return {turned.what + " hardly turned (by " + angle_text(most) +
                 " at most): sliding alone does not tell where things sit on it",
-            turn};
+            turn, otherwise};
   if (others < kEnoughTurn)
     return {turned.what + " turned about one axis only (by " + angle_text(most) +
                 ", about others by " + angle_text(others) +
                 "): along this axis things can slide unseen",
-            turn};
+            turn, otherwise};
   return {};
 }
 

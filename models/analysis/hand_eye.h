@@ -12,9 +12,10 @@
 
 namespace kincal {
 
-/// A MotionLack is what is missing, and what to record; both are empty where nothing is.
+/// A MotionLack is what is missing, what to record, and what to do where that cannot be; all are
+/// empty where nothing is missing.
 struct MotionLack {
-  std::string why, cure;
+  std::string why, cure, otherwise = {};
 };
 /// Looks at the training samples: at how the flange turned of a robot that is known by its poses,
 /// else at how sensors turned against mounted targets, by the readings and the rig's geometry. It

@@ -180,7 +180,7 @@ class ReasonFinder {
         !lack.why.empty()) {
       out_.kind = "hand_eye";
       out_.why = lack.why;
-      out_.cure = lack.cure;
+      out_.cure = lack.cure + (lack.otherwise.empty() ? "" : "; " + lack.otherwise);
       return;
     }
     const double together = std::sqrt(effects_.together / parts),

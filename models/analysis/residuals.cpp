@@ -257,6 +257,21 @@ void append(std::vector<ViewResiduals>& from, std::vector<ViewResiduals>& to) {
 
 }  // namespace
 
+bool neighbours_err_alike(const Solution& solution, const Residuals& residuals) {
+  constexpr double kAlike = 0.3;  // correlation
+  double products = 0, squares = 0;
+  for (const ViewResiduals& v : residuals.after) {
+    const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
+    if (!solution.samples()[v.sample].train || points < 4 || v.raw.size() < points ||
+        !v.raw.allFinite())
+      continue;
+    const Eigen::Index rows = v.raw.size() / points, rest = v.raw.size() - rows;
+    products += v.raw.head(rest).dot(v.raw.tail(rest));
+    squares += v.raw.head(rest).squaredNorm();
+  }
+  return products > kAlike * squares;
+}
+
 SensorResult unseen(const Sensor& sensor) {
   SensorResult r;
   r.name = sensor.name;

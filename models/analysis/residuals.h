@@ -91,6 +91,10 @@ struct Evaluation {
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
                     const std::vector<std::string>& free, const Progress& progress = {});
 
+/// Returns whether neighbouring points of the training's views err alike, which noise does not:
+/// something is bent, turned, shifted or of another size.
+bool neighbours_err_alike(const Solution& solution, const Residuals& residuals);
+
 /// Returns the result of a sensor without any view yet.
 SensorResult unseen(const Sensor& sensor);
 

@@ -271,6 +271,7 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
 struct Outcomes {
   FailureMode failure;  // the calibration that was diagnosed
   double per_dof_at_first;
+  bool good_at_first;           // its residuals need no explanation
   bool data_findings;           // some mistake shows in the data alone
   bool wrong_numbers;           // numbers among them that nobody can mean
   bool fit_findings;            // some mistake was found by fits
@@ -324,11 +325,12 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
           : "the fit cannot start: points lie behind a camera, or numbers are not finite";
   if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
     out += ", or what sees a free target does not tell where it is";
-  if (good(now) && !outcomes.fit_findings) {
-    const std::string words = not_a_mistake(now, outcomes.failure);
-    out += !words.empty()           ? words
-           : outcomes.data_findings ? ": the fit itself needs no explanation."
-                                    : ": nothing to explain.";
+  const bool any_finding = outcomes.data_findings || outcomes.fit_findings;
+  if (good(now) && (outcomes.good_at_first || !outcomes.fit_findings)) {
+    const std::string words = outcomes.fit_findings ? "" : not_a_mistake(now, outcomes.failure);
+    out += !words.empty() ? words
+           : any_finding  ? ": the fit itself needs no explanation."
+                          : ": nothing to explain.";
   } else if (good(now)) {
     out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
   } else {
@@ -481,7 +483,7 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
           state.findings.push_back(std::move(*sigma));
     }
   out.verdict = verdict(*state.recording, state.context, now,
-                        {failure, at_first, !by_data.empty(), wrong_numbers,
+                        {failure, at_first, good(as_given.now), !by_data.empty(), wrong_numbers,
                          !state.findings.empty(), still_joint, changed, out.readings});
   if (!still_joint && !changed) say_what_is_left(now, state.findings);
   out.findings = ordered(std::move(state.findings), std::move(by_data),

@@ -378,8 +378,14 @@ std::optional<SinglePointPose> pose_from_single_points(const std::vector<SingleP
 
 std::optional<SinglePointPose> robot_world_hand_eye_by_points(const std::vector<Pose>& a,
                                                               const std::vector<Pose>& b, Pose& y) {
-  Matrix3Xd corner(3, 4);  // of Y's body: its origin and a step along each axis
-  corner << Vector3d::Zero(), 0.1 * Matrix3d::Identity();
+  std::vector<Vector3d> origins;
+  for (const Pose& one : b) origins.push_back(inverse(one).translation);
+  const Matrix3Xd seen = columns_of(origins);
+  const Vector3d mean = seen.rowwise().mean();
+  const double moved = (seen.colwise() - mean).norm() / std::sqrt(static_cast<double>(b.size())),
+               size = moved > 0 ? moved : mean.norm();
+  Matrix3Xd corner(3, 4);  // of Y's body: its origin and steps along its axes, as far as it moved
+  corner << Vector3d::Zero(), (size > 0 ? size : 1) * Matrix3d::Identity();
   std::vector<SinglePoint> readings;
   for (size_t i = 0; i < a.size(); ++i) {  // X B^-1 q = A^-1 Y q
     const Pose x_T_y = inverse(b[i]), y_T_x = inverse(a[i]);

@@ -193,6 +193,7 @@ std::string sentences(const Notice& n) {
   std::string out = whole ? capital(n.what) : n.what;
   if (!n.why.empty()) out += ". " + capital(n.why);
   if (!n.cure.empty()) out += whole ? ". " + capital(n.cure) : ". What to do: " + n.cure;
+  if (!n.otherwise.empty()) out += "; " + n.otherwise;
   return whole ? out + "." : out;
 }
 

@@ -150,7 +150,8 @@ struct Notice {
   // and without.
   std::optional<double> chi2_as_is = {}, chi2_corrected = {};
   std::optional<NoticeKind> cause = {};  // the finding that this one speaks of
-  bool estimated = false;  // no mistake where it is estimated: stands behind the others
+  bool estimated = false;      // no mistake where it is estimated: stands behind the others
+  std::string otherwise = {};  // what else to do, or what if the cure is none: as the cure; or ""
 };
 
 using Notices = std::vector<Notice>;

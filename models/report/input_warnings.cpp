@@ -393,10 +393,9 @@ void warn_of_rescaled(const Report& report, Notices& out) {
   });
   out.push_back(notice_of(NoticeKind::rescaled,
                           "sizes or focal lengths are others than the rig says", std::move(cases),
-                          "",
-                          "measure what came out as another (a length of the robot that is wrong "
-                          "looks the same), and correct the rig, or state how well it is known: "
-                          "priors"));
+                          "", "measure what came out as another, and correct the rig"));
+  out.back().otherwise =
+      "or state how well it is known (priors); a length of the robot that is wrong looks the same";
   if (freed_by_nobody) out.back().severity = Severity::doubt;
 }
 

@@ -120,8 +120,8 @@ std::string noisiest_words(const Report& report) {
                : "";
 }
 
-/// Of the automatic path: noise that is not as stated, level by level, or all by one factor.
-std::string stated_noise_text(const Report& report, Subjects& where) {
+/// Of the automatic path: that noise is not as stated, then level by level, or all by one factor.
+std::vector<std::string> stated_noise_texts(const Report& report, Subjects& where) {
   std::string all;
   const auto [least, most] = used_shares(report);
   for (const NoiseLevel& level : report.noise_levels) {
@@ -129,25 +129,26 @@ std::string stated_noise_text(const Report& report, Subjects& where) {
     where.push_back({Subject::Kind::part, level_name(level)});
     all += (all.empty() ? "" : "; ") + level_text(level);
   }
-  if (all.empty()) return "";
+  if (all.empty()) return {};
   const std::string begin =
       text("with the stated sigmas chi2/dof is %.3g", report.noise_estimated->stated);
   if (most < 1 && most < kOneFactor * least)
-    return begin +
-           text(": errors are smaller than stated. All sigmas were multiplied by %.2g (", most) +
-           all + "); the rig of the result has them so. The estimates are the same with either" +
-           noisier_joints_text(report) +
-           (noise_is_doubtful(report)
-                ? text(". If only some were stated too large, the sigmas of the result are up to "
-                       "%.2g times too small",
-                       1 / most)
-                : "");
-  return (taken_for_noise(report)
-              ? "residuals are larger than the stated noise allows (" + begin + ")"
-              : begin) +
-         ", and no mistake explains that: sigmas were estimated from the data, and the rig of the "
-         "result has them so. Are they plausible? " +
-         all + doubted_gears(report);
+    return {begin + ": errors are smaller than stated",
+            text("all sigmas were multiplied by %.2g (", most) + all +
+                "); the rig of the result has them so. The estimates are the same with either" +
+                noisier_joints_text(report) +
+                (noise_is_doubtful(report)
+                     ? text(". If only some were stated too large, the sigmas of the result are up "
+                            "to %.2g times too small",
+                            1 / most)
+                     : "")};
+  return {
+      (taken_for_noise(report) ? "residuals are larger than the stated noise allows (" + begin + ")"
+                               : begin) +
+          ", and no mistake explains that",
+      "sigmas were estimated from the data, and the rig of the result has them so. Are they "
+      "plausible? " +
+          all + doubted_gears(report)};
 }
 
 /// Noise that nobody states, as it was found: each level with the interval that has it with 95 %.
@@ -216,15 +217,9 @@ std::string sensors_as_seen(const Report& report) {
               : "");
 }
 
-std::string cure_of_trends(const Report& report) {
-  const bool flange =
-      !report.trends.empty() &&
-      report.solution.rig().tree.joints[report.trends.front().joint].type == JointType::floating;
-  return flange ? "log the joint readings and calibrate with the robot's URDF, so that its zeros "
-                  "are estimated too, or have the robot's zeros set anew; else use the result only "
-                  "near the poses recorded"
-                : "estimate what the rig can express (gears: `group` gears), look for what bends "
-                  "or is loose; else use the result only near the postures recorded";
+/// Whether a trend is of the poses of a flange, not of a joint's readings.
+bool tells_flange(const Trend& trend, const Tree& tree) {
+  return tree.joints[trend.joint].type == JointType::floating;
 }
 
 }  // namespace
@@ -232,7 +227,7 @@ std::string cure_of_trends(const Report& report) {
 std::string own_errors_words(const Report& report) {
   const std::string by = beyond_repeating(report);
   return by.empty() ? ""
-                    : "; if what the flange's poses err by (" + by +
+                    : "that holds if what the flange's poses err by (" + by +
                           ") is noise and not the robot's own inaccuracy";
 }
 
@@ -254,26 +249,33 @@ void warn_of_trends(const Report& report, Notices& out) {
   std::vector<WarningItem> cases;
   for (const Trend& trend : report.trends) {
     const Joint& joint = tree.joints[trend.joint];
-    const bool flange = joint.type == JointType::floating;
+    const bool flange = tells_flange(trend, tree);
     const std::string shift = trend.shift > 0 ? text("%.3g mm", 1e3 * trend.shift) : "",
                       turn = trend.turn > 0 ? text("%.3g mrad", 1e3 * trend.turn) : "",
                       both = shift.empty() || turn.empty() ? "" : ", ";
-    cases.push_back(
-        {Subject::joint(joint.name),
-         std::string("the errors of the ") + (flange ? "poses" : "readings") + " of joint " +
-             quoted(joint.name) + " go with where it stands (" + shift + both + turn +
-             text(", up to %.0f %% of their scatter): that is no noise but ", 100 * trend.share) +
-             (flange ? "the robot's own inaccuracy, such as wrong zeros of its joints, which more "
-                       "poses do not average out"
-                     : "something that the rig does not have: a gear, sag, bending or play"),
-         trend.clear});
+    cases.push_back({Subject::joint(joint.name),
+                     std::string("the errors of the ") + (flange ? "poses" : "readings") +
+                         " of joint " + quoted(joint.name) + " go with where it stands (" + shift +
+                         both + turn + text(", up to %.0f %% of their scatter)", 100 * trend.share),
+                     trend.clear});
   }
   if (cases.empty()) return;
+  const bool flange = tells_flange(report.trends.front(), tree);
   out.push_back(notice_of(
       NoticeKind::systematic, "joints have errors that go with where they stand", std::move(cases),
-      "it is counted as noise, so the sigmas of the result are too small, also where chi2/dof is "
-      "fine: it may be off by several times them, most of all away from the postures recorded",
-      cure_of_trends(report)));
+      std::string("that is no noise but ") +
+          (flange ? "the robot's own inaccuracy, such as wrong zeros of its joints, which more "
+                    "poses do not average out"
+                  : "something that the rig does not have: a gear, sag, bending or play") +
+          ". It is counted as noise, so the sigmas of the result are too small, also where "
+          "chi2/dof "
+          "is fine: it may be off by several times them, most of all away from the postures "
+          "recorded",
+      flange ? "log the joint readings and calibrate with the robot's URDF, so that its zeros are "
+               "estimated too, or have the robot's zeros set anew"
+             : "estimate what the rig can express (gears: `group` gears), and look for what bends "
+               "or is loose"));
+  out.back().otherwise = "else use the result only near the poses recorded";
 }
 
 void warn_of_jumps(const Report& report, Notices& out) {
@@ -293,10 +295,10 @@ void warn_of_jumps(const Report& report, Notices& out) {
           quoted(report.solution.samples()[first.sample].id) + " on" +
           (joints.size() > 1
                ? " (and those of " + listed({joints.begin() + 1, joints.end()}, kNamed) + ")"
-               : std::string()) +
-          ": from there on something is elsewhere, a joint that was homed anew, a sensor or "
-          "target that was bumped, or it is another robot",
-      "it is counted as noise, so the sigmas of the result are too small",
+               : std::string()),
+      "from there on something is elsewhere, a joint that was homed anew, a sensor or target that "
+      "was bumped, or it is another robot. It is counted as noise, so the sigmas of the result are "
+      "too small",
       "calibrate what was recorded before that sample and from it on apart, and compare the two "
       "(diff)"));
 }
@@ -329,10 +331,10 @@ void warn_of_guessed_noise(const Report& report, Notices& out) {
   Notice notice = make_notice(NoticeKind::noise, std::move(where), std::move(found));
   if (const NoiseLevel* level = beyond_noise(report)) {
     notice.severity = Severity::doubt;
+    notice.why = std::move(notice.what);
     notice.what =
         level_name(*level) + text(" is %.2g ", level->used) + level->unit +
-        text(" off, %.0f times the usual noise, if it is noise; ", level->used / level->guess) +
-        notice.what;
+        text(" off, %.0f times the usual noise, if it is noise", level->used / level->guess);
     notice.cure =
         "state the noise in the rig if it is that large; else look for a mistake (`check`)";
   } else if (const std::string by = beyond_repeating(report); !by.empty()) {
@@ -347,11 +349,9 @@ void warn_of_guessed_noise(const Report& report, Notices& out) {
 void warn_of_noise(const Report& report, Notices& out) {
   warn_of_guessed_noise(report, out);
   if (!report.noise_estimated) return;
-  std::vector<std::string> all;
   Subjects where;
-  if (std::isfinite(report.noise_estimated->stated))
-    if (std::string stated = stated_noise_text(report, where); !stated.empty())
-      all.push_back(std::move(stated));
+  std::vector<std::string> all;  // what is the case, then why
+  if (std::isfinite(report.noise_estimated->stated)) all = stated_noise_texts(report, where);
   std::vector<std::string> kept;
   for (const NoiseLevel& level : report.noise_levels)
     if (is_kept(level) && !std::isfinite(report.noise_estimated->stated)) {
@@ -362,11 +362,10 @@ void warn_of_noise(const Report& report, Notices& out) {
     all.push_back("these data do not determine the noise of " + listed(kept, kNamed) +
                   ": what is stated was kept");
     if (const NoiseLevel* blamed = blamed_for_joints(report))
-      all.back() += "; " + level_name(*blamed) +
-                    text(
-                        " came out %.2g times as noisy as stated: where that is noise of these "
-                        "joints, sigmas of the result are far too small",
-                        blamed->used / blamed->assumed);
+      all.push_back(level_name(*blamed) +
+                    text(" came out %.2g times as noisy as stated: where that is noise of these "
+                         "joints, sigmas of the result are far too small",
+                         blamed->used / blamed->assumed));
   }
   if (!report.noise_estimated->converged)
     all.push_back("the noise was estimated in " + std::to_string(report.noise_estimated->count) +
@@ -381,17 +380,18 @@ void warn_of_noise(const Report& report, Notices& out) {
                     "change: make it anew with that (import, detect --sigma)");
   if (all.empty()) return;
   Notice noise = make_notice(NoticeKind::noise, std::move(where), all[0]);
-  for (size_t i = 1; i < all.size(); ++i) noise.why += (i > 1 ? ". " : "") + all[i];
+  for (size_t i = 1; i < all.size(); ++i) noise.why += (i > 1 ? ". " : "") + capital(all[i]);
   if (noise_is_doubtful(report)) {
     noise.severity = Severity::doubt;
-    noise.cure = taken_for_noise(report)
-                     ? "are joints and sensors that noisy? Then state it in the rig. Else the "
-                       "robot has what is not estimated (gears: `group` gears; play, bending, an "
-                       "error of a sensor), and sigmas are too small for that" +
-                           noisiest_words(report)
-                     : "state in the rig what you know of the noise; if that of the joints is "
-                       "right: " +
-                           sensors_as_seen(report);
+    const bool lacks = taken_for_noise(report);
+    noise.cure = lacks ? "state the noise in the rig, if joints and sensors are that noisy"
+                       : "state in the rig what you know of the noise";
+    noise.otherwise = lacks ? "else the robot has what is not estimated (gears: `group` gears; "
+                              "play, bending, readings that are late, an error of a sensor), and "
+                              "sigmas are too small for that" +
+                                  noisiest_words(report)
+                            : "if that of the joints is right: " + sensors_as_seen(report);
+    if (lacks && neighbours_err_alike(report.solution, report.residuals)) say_no_noise(noise);
   }
   out.push_back(std::move(noise));
 }

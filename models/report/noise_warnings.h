@@ -9,7 +9,7 @@ namespace kincal {
 constexpr double kNoisy = 3;  // times as noisy as stated: a joint that something else is wrong with
 
 /// Returns what a good result supposes of poses of a flange that err by more than robots repeat by,
-/// where nobody stated their noise; "": nothing.
+/// where nobody stated their noise, as a sentence without full stop; "": nothing.
 std::string own_errors_words(const Report& report);
 
 /// Returns whether the noise that the automatic path estimated leaves a doubt: residuals are larger

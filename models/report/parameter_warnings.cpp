@@ -183,6 +183,7 @@ void explain_loose(const Report& report, const ParameterEstimate& e, const std::
   } else if (!lack.why.empty()) {
     out.why = lack.why;
     out.cure = lack.cure;
+    out.otherwise = lack.otherwise;
   } else {
     out.cure = "record more varied postures" +
                (out.severity == Severity::fault ? ", or give " + e.name + " a prior" : "");

@@ -28,16 +28,20 @@ namespace kincal {
 
 constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
 
-/// A Verdict says whether to use a result: `use` is good, doubts or no; why (a clause), what to do
-/// next (clauses), and which notices say more; sentences() makes one paragraph of it.
+/// A Verdict says whether to use a result, in two lines: `use` (good, doubts or no) and why (a
+/// clause); the first of `next`, what to do (clauses; none: nothing). All else stands behind these.
 struct Verdict {
   std::string use, why;
   std::vector<std::string> next = {};
-  std::vector<NoticeKind> about = {};   // the finding or warning that decided, and its cause
-  std::vector<NoticeKind> see = {};     // other warnings
-  std::vector<std::string> held = {};   // parameters fixed because the data do not determine them
-  std::vector<std::string> unmet = {};  // requirements
+  std::vector<std::string> reasons = {};  // what `why` rests on, or holds under: sentences without
+                                          // the last full stop
+  std::vector<NoticeKind> about = {};     // the finding or warning that decided, and its cause
+  std::vector<NoticeKind> see = {};       // other warnings
+  std::vector<std::string> held = {};     // parameters fixed because the data do not determine them
+  std::vector<std::string> unmet = {};    // requirements
 };
+/// Returns what a verdict says of parameters held and tolerances not met, as its reasons are.
+std::vector<std::string> notes(const Verdict& verdict);
 /// Returns a verdict as one paragraph.
 std::string sentences(const Verdict& verdict);
 

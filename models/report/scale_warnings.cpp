@@ -127,13 +127,13 @@ void warn_of_scales(const Report& report, Notices& out) {
       out.push_back(make_notice(
           NoticeKind::scale, subjects(Subject::Kind::target, all.targets),
           "all lengths between sensors and targets came out " +
-              text("%.3g times those of the rig", scale.factor) +
-              text(" (by chance: %.1g %%), and where the squares of ", 100 * scale.by_chance) +
+              text("%.3g times those of the rig (by chance: %.1g %%)", scale.factor,
+                   100 * scale.by_chance),
+          std::string("where the squares of ") +
               (all.targets.size() == 1 ? "target " : "targets ") + joined(all.targets) +
               text(" are taken %.3g times as large they are as the rig has them",
                    1 / scale.factor) +
               ": nothing else tells the scale",
-          "",
           "measure the squares, over many fields, and correct the rig; if they are right, correct "
           "the poses"));
   }
@@ -164,7 +164,7 @@ void warn_of_scales(const Report& report, Notices& out) {
 std::string unchecked_words(const Report& report) {
   std::vector<std::string> words;
   for (const UncheckedScale& scale : report.unchecked) words.push_back(scale_words(scale));
-  return words.empty() ? "" : "; as right as " + listed(words) + ", which nothing checks";
+  return words.empty() ? "" : "it is as right as " + listed(words) + ", which nothing checks";
 }
 
 }  // namespace kincal

@@ -21,7 +21,8 @@ namespace kincal {
 /// lengths that nothing checks (`unchecked`).
 void warn_of_scales(const Report& report, Notices& out);
 
-/// Returns what a good result hangs on, in words: "the squares of target 'board'"; "": nothing.
+/// Returns what a good result hangs on, as a sentence without full stop: "it is as right as the
+/// square of target 'board', which nothing checks"; "": nothing.
 std::string unchecked_words(const Report& report);
 
 }  // namespace kincal

@@ -15,6 +15,7 @@ constexpr double kWide = 5;            // times the width that a group begins wi
 
 std::string shown_text(double value, const std::string& unit) {
   const bool thousandths = unit == "m" || unit == "rad";
+  if (unit.empty()) return text("%.3g", value);
   return text("%.3g ", value * (thousandths ? 1e3 : 1)) + (thousandths ? "m" : "") + unit;
 }
 
@@ -92,11 +93,12 @@ void warn_of_contradicted(const Report& report, Notices& out) {
                     shown_text(fits ? s.train.rms_as_read : s.train.rms, s.unit));
   }
   if (worse.empty()) return;
-  out.push_back(make_notice(
-      NoticeKind::contradicted, std::move(where),
-      "held-out samples contradict the calibration: " + listed(worse, kNamed), "",
-      "look at the held-out samples: if they are right the calibration holds for the postures of "
-      "the training only, or not at all"));
+  out.push_back(make_notice(NoticeKind::contradicted, std::move(where),
+                            "held-out samples contradict the calibration: " + listed(worse, kNamed),
+                            "", "look at the held-out samples"));
+  out.back().otherwise =
+      "if they are right the calibration holds for the postures of the training only, or not at "
+      "all";
 }
 
 /// So many outliers that the majority need not be right.

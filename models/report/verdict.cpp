@@ -13,8 +13,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kEven = 3;     // noise levels of two sensors, in their sigmas: at most so unlike
-constexpr double kAlike = 0.3;  // correlation of neighbours above which they err alike
+constexpr double kEven = 3;  // noise levels of two sensors, in their sigmas: at most so unlike
 constexpr double kMiddleOfTails = 0.3;
 constexpr double kNoNoise = 1e4;  // chi2/dof: no noise is misstated by a hundred times
 
@@ -23,21 +22,6 @@ const Notice* decisive_finding(const Report& report) {
     for (const Notice& f : report.diagnosis->findings)
       if (f.chi2_corrected && can_spoil_the_fit(f.kind)) return &f;
   return nullptr;
-}
-
-/// The correlation of the residuals of neighbouring points, over all training views: 0 for noise.
-double alike(const Report& report) {
-  double products = 0, squares = 0;
-  for (const ViewResiduals& v : report.residuals.after) {
-    const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
-    if (!report.solution.samples()[v.sample].train || points < 4 || v.raw.size() < points ||
-        !v.raw.allFinite())
-      continue;
-    const Eigen::Index rows = v.raw.size() / points, rest = v.raw.size() - rows;
-    products += v.raw.head(rest).dot(v.raw.tail(rest));
-    squares += v.raw.head(rest).squaredNorm();
-  }
-  return squares > 0 ? products / squares : 0;
 }
 
 /// Whether a few residuals of a sensor are far larger than its others: the middle one is far below
@@ -76,7 +60,8 @@ std::string uneven(const Report& report) {
            best->of + text(" %.3g times", times(best));
   if (!apart.empty()) return "far larger residuals than the others have " + listed(apart);
   if (few_are_far(report)) return "a few points have far larger residuals than the others";
-  if (alike(report) > kAlike) return "neighbouring points err alike";
+  if (neighbours_err_alike(report.solution, report.residuals))
+    return "neighbouring points err alike";
   return "";
 }
 
@@ -180,44 +165,35 @@ std::optional<Notice> why_unexplained(const Report& report) {
         "errors are %.0f times the noise that the rig states, evenly over samples and "
         "sensors, and none of the usual mistakes is why",
         std::sqrt(misfit));
-    out.cure = "look for a sigma in another unit (seen: " + sigmas_seen(report, misfit) +
-               "), or for a mistake that is in all samples alike: axes, units, which frame in "
-               "which, the order of coordinates";
+    out.cure =
+        "look for a mistake that is in all samples alike: axes, units, which frame in "
+        "which, the order of coordinates";
+    out.otherwise = "or for a sigma in another unit (seen: " + sigmas_seen(report, misfit) + ")";
   } else if (unlike.empty()) {
     out.why =
         "noise stated too small is likelier than a mistake: the residuals are spread evenly "
         "over samples and sensors";
-    out.cure =
-        "state " + sigmas_seen(report, misfit) + ", or have the noise estimated (`estimate_noise`)";
+    out.cure = "have the noise estimated (`estimate_noise`)";
+    out.otherwise = "or state " + sigmas_seen(report, misfit);
   } else if (report.diagnosis && !report.diagnosis->readings.empty()) {
     out.why = "it is not the noise of the sensors (" + unlike +
               "), and none of the usual mistakes. " + report.diagnosis->readings;
     if (out.why.back() == '.') out.why.pop_back();
-    out.cure =
-        "state the noise of the joint readings in the rig (joints), if they can be that "
-        "bad; else free more of the robot's geometry (lengths, gears), or find what is "
-        "loose or bends";
+    out.cure = "state the noise of the joint readings in the rig (joints), if they can be that bad";
+    out.otherwise =
+        "else free more of the robot's geometry (lengths, gears), or find what is loose or bends";
   } else {
     out.why = "a mistake is likelier than noise stated too small (" + unlike +
               "), but it is none of the usual ones";
-    out.cure =
-        "look at what fits worst (its link, its target, units, samples whose readings are "
-        "late; its sigma may be stated too small), and calibrate without it, before more is "
-        "freed";
+    out.cure = "look at what fits worst, and calibrate without it, before more is freed";
+    out.otherwise =
+        "what may be wrong of it: its link, its target, units, readings that are late, a sigma "
+        "stated too small";
   }
   return out;
 }
 
 namespace {
-
-/// A notice in the verdict, with its id if it is a mistake.
-std::string said(const Notice& n) {
-  const std::string all = n.why.empty() ? n.what : n.what + ". " + capital(n.why);
-  return is_mistake(n.kind)
-             ? "a mistake was found that the result may have taken up: " + std::string(id(n.kind)) +
-                   ": " + all
-             : all;
-}
 
 /// The first finding that is more than a remark; null: none.
 const Notice* first_finding(const Report& report) {
@@ -227,10 +203,19 @@ const Notice* first_finding(const Report& report) {
   return nullptr;
 }
 
+/// What is the case in one clause, with the id of a mistake.
+std::string in_short(const Notice& n) {
+  if (is_mistake(n.kind)) return "a mistake was found, " + std::string(id(n.kind)) + ": " + n.what;
+  return n.what + (n.cause ? "; the likeliest mistake is " + std::string(id(*n.cause)) : "");
+}
+
 /// What a verdict says that a notice decides.
-Verdict decided_by(const char* use, const char* begin, const Notice& n) {
-  Verdict out{use, begin + said(n)};
-  if (!n.cure.empty()) out.next = {n.cure};
+Verdict decided_by(const char* use, const Notice& n) {
+  Verdict out{use, in_short(n)};
+  for (const std::string* step : {&n.cure, &n.otherwise})
+    if (!step->empty()) out.next.push_back(*step);
+  if (!n.why.empty()) out.reasons = {n.why};
+  if (is_mistake(n.kind)) out.reasons.emplace_back("the result may have taken it up");
   out.about = {n.kind};
   if (n.cause) out.about.push_back(*n.cause);
   return out;
@@ -238,9 +223,21 @@ Verdict decided_by(const char* use, const char* begin, const Notice& n) {
 
 /// A fault that a doubt explains is said behind that.
 Verdict no_because(const Notice& cause, const Notice& fault) {
-  Verdict out = decided_by("no", "", cause);
-  out.why += ". Only then does it count that " + fault.what;
+  Verdict out = decided_by("no", cause);
+  out.reasons.push_back("only then does it count that " + fault.what);
   return out;
+}
+
+/// How far the parameters of groups came out from the rig's, most unusual first; "": nothing.
+std::string widths_words(std::vector<AutomaticGroup> groups) {
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const auto& a, const auto& b) { return a.factor > b.factor; });
+  std::vector<std::string> words;
+  for (const AutomaticGroup& g : groups)
+    if (!g.held && !g.numbers.empty())
+      words.push_back(g.name + " " + shown_text(g.numbers[0].width, g.numbers[0].unit) +
+                      text(" (%.2g times as much as usual)", g.factor));
+  return words.empty() ? "" : "parameters are off from the rig's by about: " + listed(words);
 }
 
 }  // namespace
@@ -256,46 +253,61 @@ Verdict verdict(const Report& report) {
     if (finding && explains(finding->kind, fault->kind)) return no_because(*finding, *fault);
     for (const Notice& w : report.warnings)
       if (explains(w.kind, fault->kind)) return no_because(w, *fault);
-    return decided_by("no", "", *fault);
+    return decided_by("no", *fault);
   }
   if (solution.status != Status::converged) return {"no", solution.message};
 
   Verdict out{"good", ""};
   if (const Notice* first = finding ? finding : doubt) {
-    out = decided_by("doubts", "converged, but ", *first);
+    out = decided_by("doubts", *first);
   } else if (const std::vector<std::string> open = undetermined(report); !open.empty()) {
     out = {"doubts",
            size_words(solution) + ", but not determined: " + listed(open),
            {"record more varied postures, or free less"}};
   } else {
-    out.why = size_words(solution) + unchecked_words(report) + own_errors_words(report);
+    out.why = size_words(solution);
+    const std::string own_errors = own_errors_words(report);
+    for (const std::string& holds :
+         {unchecked_words(report), own_errors, widths_words(report.automatic)})
+      if (!holds.empty()) out.reasons.push_back(holds);
+    if (!own_errors.empty())
+      out.next = {
+          "if zeros of the robot may be wrong, log its joint readings and calibrate with its URDF"};
   }
   for (const Notice& w : report.warnings)
     if (!std::count(out.about.begin(), out.about.end(), w.kind)) out.see.push_back(w.kind);
   out.held = undetermined_by_data(report.automatic);
   for (const Judgement& j : report.validation.requirements)
     if (!j.met) out.unmet.push_back(j.requirement.text);
+  if (out.next.empty() && !out.unmet.empty())
+    out.next = {"use it where these tolerances need not hold: " + listed(out.unmet)};
+  return out;
+}
+
+std::vector<std::string> notes(const Verdict& v) {
+  std::vector<std::string> out;
+  if (!v.held.empty())
+    out.push_back(text(v.held.size() == 1
+                           ? "%zu parameter was kept at its nominal value because the data do not "
+                             "determine it (predicted errors account for this): "
+                           : "%zu parameters were kept at their nominal values because the data do "
+                             "not determine them (predicted errors account for this): ",
+                       v.held.size()) +
+                  listed(v.held));
+  for (const std::string& requirement : v.unmet) out.push_back("not met: " + requirement);
   return out;
 }
 
 std::string sentences(const Verdict& v) {
   std::string out = v.why;
+  for (const std::string& reason : v.reasons) out += ". " + capital(reason);
   for (size_t i = 0; i < v.next.size(); ++i) out += (i ? "; " : ". What to do: ") + v.next[i];
-  if (!v.held.empty())
-    out += text(v.held.size() == 1 ? "; %zu parameter was kept at its nominal value because the "
-                                     "data do not determine it (predicted errors account for "
-                                     "this): "
-                                   : "; %zu parameters were kept at their nominal values because "
-                                     "the data do not determine them (predicted errors account "
-                                     "for this): ",
-                v.held.size()) +
-           listed(v.held);
+  for (const std::string& note : notes(v)) out += "; " + note;
   std::vector<std::string> ids;
   for (const NoticeKind kind : v.see) ids.emplace_back(id(kind));
   if (!ids.empty())
     out += std::string("; see ") + (v.about.empty() ? "" : "also ") + "the " +
            (ids.size() == 1 ? "warning " : "warnings ") + listed(ids, 5);
-  for (const std::string& requirement : v.unmet) out += "; not met: " + requirement;
   return out;
 }
 

@@ -138,15 +138,16 @@ void warn_of_steps(const Report& report, Notices& out) {
         "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations",
         "", "free less, in more steps, or start nearer to the truth");
     const auto because = [&](const Notice& cause) {
-      notice.why = cause.what;
+      notice.why = cause.what + (cause.why.empty() ? "" : ". " + capital(cause.why));
       notice.cure = cause.cure;
+      notice.otherwise = cause.otherwise;
     };
     const std::optional<Notice> identity = counts_from_identity(solution),
                                 loose = loose_parameters(report);
     if (const Notice* first = first_mistake(report)) {
       notice.cause = first->kind;
-      notice.cure =
-          std::string("first look at ") + id(first->kind) + ": " + first->what + ": " + first->cure;
+      notice.why = std::string("look first at ") + id(first->kind) + ": " + first->what;
+      notice.cure = first->cure;
     } else if (identity)
       because(*identity);
     else if (loose && loose->severity == Severity::fault && solution.chi2_per_dof() < kFitsWell)
@@ -166,24 +167,22 @@ void warn_of_steps(const Report& report, Notices& out) {
 void warn_of_directions(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   std::vector<WarningItem> directions;
-  for (size_t i = 0; i < solution.unobservable.size(); ++i) {
+  for (const auto& direction : solution.unobservable) {
     std::string sum;
     std::vector<std::string> parameters;
-    for (const auto& c : solution.unobservable[i]) {
+    for (const auto& c : direction) {
       sum += (sum.empty() ? "" : " ") + text("%+.4g ", c.second) + c.first;
       parameters.push_back(c.first);
     }
-    const std::vector<WeakDirection>& weak =
-        report.explanation.weak;  // those of `unobservable` stand first
     directions.push_back({{Subject::Kind::part, sum},
                           "the data do not determine " + listed(parameters, kNamed) +
-                              (parameters.size() > 1 ? " together" : "") +
-                              (i < weak.size() ? ": " + weak[i].why : "")});
+                              (parameters.size() > 1 ? " together" : "")});
   }
   if (directions.empty()) return;
+  // (Those of `unobservable` stand first.)
   const std::vector<WeakDirection>& weak = report.explanation.weak;
   out.push_back(notice_of(NoticeKind::unobservable, "directions are not determined",
-                          std::move(directions), "",
+                          std::move(directions), weak.empty() ? "" : weak[0].why,
                           weak.empty() ? "hold one of these or give it a prior" : weak[0].cure));
   if (solution.status != Status::unobservable) out.back().severity = Severity::remark;
 }
@@ -195,6 +194,7 @@ void warn_of_motion(const Report& report, Notices& out) {
   const MotionLack lack = motion_lack(*report.solution.recording);
   if (lack.why.empty()) return;
   out.push_back(make_notice(NoticeKind::few_turns, {}, lack.why, "", lack.cure));
+  out.back().otherwise = lack.otherwise;
   if (report.solution.status == Status::unobservable) out.back().severity = Severity::fault;
 }
 
@@ -202,7 +202,8 @@ void warn_of_chi2(const Report& report, Notices& out) {
   const Solution& solution = report.solution;
   const double ratio = solution.chi2_per_dof();
   std::string whole;
-  if (exceeds(ratio, solution.dof_data)) whole = excess_text(ratio);
+  const bool exceeded = exceeds(ratio, solution.dof_data);
+  if (exceeded) whole = excess_text(ratio);
   if (falls_short(ratio, solution.dof_data) &&
       solution.noise != NoiseMode::point)  // there it means nothing
     whole = text(
@@ -227,10 +228,20 @@ void warn_of_chi2(const Report& report, Notices& out) {
           ? make_notice(NoticeKind::chi2, {}, whole)
           : notice_of(NoticeKind::chi2, "sensors have larger residuals than their sigmas allow",
                       std::move(sensors));
-  if (!whole.empty() && notice.what != whole) notice.what = whole + "; " + notice.what;
+  if (!whole.empty() && notice.what != whole) {
+    notice.why = std::move(notice.what);
+    notice.what = std::move(whole);
+  }
+  if (exceeded)
+    notice.why = text(
+                     "sigmas of the result take the noise as stated: they are %.2g times too small "
+                     "and more",
+                     std::sqrt(ratio)) +
+                 (notice.why.empty() ? "" : ". " + capital(notice.why));
   notice.cure = larger ? kLookOrState
                        : "state the sigmas that are seen (`estimate_noise`), or leave it at that: "
                          "the errors are smaller than the sigmas say";
+  if (larger && neighbours_err_alike(solution, report.residuals)) say_no_noise(notice);
   out.push_back(std::move(notice));
 }
 
@@ -291,16 +302,16 @@ void warn_of_joint_noise(const Report& report, Notices& out) {
                     text(" (stated %.3g, seen %.3g ", level->assumed, level->seen) + level->unit +
                     ")");
   }
-  if (!names.empty())
-    out.push_back(make_notice(
-        NoticeKind::joint_noise, subjects(Subject::Kind::joint, names),
-        count_text(names.size(), "joint") +
-            " at least three times noisier than stated: " + listed(words, kShown),
-        "if they are that good, the model lacks something of them (a gear, play) and the sigmas of "
-        "the result are too small",
-        "state the noise that is seen, or have the noise estimated (`estimate_noise`), if the "
-        "joints are that noisy; else look for what the model lacks of them: a gear, play, "
-        "bending"));
+  if (names.empty()) return;
+  out.push_back(make_notice(
+      NoticeKind::joint_noise, subjects(Subject::Kind::joint, names),
+      count_text(names.size(), "joint") +
+          " at least three times noisier than stated: " + listed(words, kShown),
+      "if they are that good, the model lacks something of them (a gear, play) and the sigmas of "
+      "the result are too small",
+      "state the noise that is seen, or have it estimated (`estimate_noise`), if the joints are "
+      "that noisy"));
+  out.back().otherwise = "else look for what the model lacks of them: a gear, play, bending";
 }
 
 /// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
@@ -406,21 +417,22 @@ void warn_of_widths(const Report& report, Notices& out) {
                       "parameters of group '" + group.name +
                           text("' are off by %.0f times as much as usual", group.factor),
                       group.factor});
-  if (!wide.empty())
+  if (!wide.empty()) {
     out.push_back(notice_of(
         NoticeKind::width, "groups are much worse than usual", std::move(wide),
         "they may take up a mistake in the rig or the data",
         "compare what the rig says of these parameters with the robot, and the readings with its "
-        "own display, and look for the usual mistakes (`check`)"));
+        "own display"));
+    out.back().otherwise = "and look for the usual mistakes (`check`)";
+  }
   for (const OtherModel* gears : told_models(report.other_models, NoticeKind::gears))
     if (!report.unexplained)
       out.push_back(make_notice(
           NoticeKind::gears, {},
           text("the data speak for other gear ratios than stated (log evidence %.0f), which were "
-               "not "
-               "estimated: predicted errors may be too small",
+               "not estimated",
                gears->value),
-          "",
+          "predicted errors may be too small",
           "have them estimated (`group` gears), unless a board that is not as drawn or repeated "
           "readings look like them"));
 }

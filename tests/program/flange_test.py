@@ -244,7 +244,7 @@ class Flange(helpers.Folder):
             self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
             sets = json.loads(self.read("out", "summary.json"))["results"]
             self.assertEqual((sets["good"]["status"], sets["good"]["exit_code"]), ("converged", 0))
-            self.assertIn("first look at units", sets["mm"]["error"])
+            self.assertIn("Look first at units", sets["mm"]["error"])
             self.assertIn("millimetres", sets["mm"]["error"])
             if again:
                 self.assertEqual(os.stat(self.path("out", "good", "result.json")).st_mtime_ns, before)

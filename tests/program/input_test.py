@@ -190,7 +190,8 @@ class Endings(Input):
         self.assertIn(code, (3, 5), said)
         self.assertEqual(result["findings"][0]["id"], "joint-sign")
         self.assertLess(said.index("joint-sign: joint 'j3'"), said.index("Errors, rms"))   # in the verdict, which is the first that is printed
-        self.assertEqual(said.count("joint-sign"), 1)
+        self.assertEqual(said.count("joint-sign"), 2)   # named in the first line, told in full once
+        self.assertEqual(said.count("joint-sign: joint 'j3'"), 1)
 
     def test_beyond_noise_is_no_matter_of_freeing_more(self):
         samples = self.seen(samples=20)

@@ -2,7 +2,7 @@
 
 Samples are simulated from the example. Sigmas stated 15 times too small, and a board of another size, end with 5, and the message says which
 of the two it is; less than that does not. Where several exit codes apply the order holds, --step only warns, apply refuses, a batch counts
-the set as failing. The verdict stands first in result.json and last on the screen; a kind of warning takes one line. Not proven: that a
+the set as failing. The verdict stands first in result.json, and on the screen in two lines; a kind of warning takes one line. Not proven: that a
 mistake is always told from noise where neither the doctor nor unevenness shows it (a single sensor that sees single points).
 """
 
@@ -55,12 +55,14 @@ class Case(unittest.TestCase):
         with open(os.path.join(self.out, "result.json"), encoding="utf-8") as file:
             result = json.load(file)
         self.assertEqual(list(result)[0], "verdict")
-        said = ("%(use)s: %(text)s" % result["verdict"]).split()
-        if "--tables" in options:
-            self.assertEqual(printed.splitlines()[-1].split(), said)
-        else:                                       # first, and no line is wider than a terminal
-            self.assertEqual(printed.split()[:len(said)], said)
-            self.assertEqual([line for line in printed.split("\n\n")[0].split("\n") if len(line) > 80], [])
+        verdict = result["verdict"]                 # two lines, then everything else, no wider than a terminal
+        said = ["%(use)s: %(why)s" % verdict, "What to do: " + (verdict["next"] or ["nothing"])[0], ""]
+        self.assertEqual(printed.split("\n")[:3], said)
+        rest = " ".join(printed.split("\n\n")[1].split()) + " "
+        for sentence in verdict["reasons"] + verdict["next"][1:] + verdict["notes"]:
+            self.assertIn(sentence[1:] + ". ", rest)
+        if "--tables" not in options:
+            self.assertEqual([line for line in printed.split("\n\n")[1].split("\n") if len(line) > 80], [])
         ids = [w["id"] for w in result["warnings"]]
         self.assertEqual(len(ids), len(set(ids)), "one warning a kind")
         self.assertEqual(code in (2, 3, 5), result["verdict"]["use"] == "no" and result["status"] != "converged")
@@ -172,6 +174,12 @@ class Words(Case):
         self.assertRegex(result["verdict"]["text"], r"^converged; residuals as large as the noise \(chi2/dof (0\.9|1\.0)")
         result, _ = self.calibrate(self.rig, "--require", "chi2/dof<0.5", code=4)
         self.assertIn("; not met: chi2/dof<0.5", result["verdict"]["text"])
+
+    def test_nothing_to_explain(self):
+        """Sigmas stated ten times too large are found, but there was nothing for them to explain."""
+        said, _ = self.kincal("check", self.smaller_sigmas(0.1), self.samples, "--quiet")
+        self.assertTrue(said.startswith("sigma: "), said)
+        self.assertRegex(said, r"\nchi2/dof is 0\.01\d*: the fit itself needs no explanation\.\n$")
 
     def test_held_out(self):
         """Held-out samples that contradict the calibration are a doubt; right ones are not."""

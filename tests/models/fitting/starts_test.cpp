@@ -958,6 +958,32 @@ TEST_CASE("unknown poses: a robot that only slides, or slides and turns about on
     }
 }
 
+TEST_CASE("unknown poses: of a robot that only slides, the same at every size") {
+  Random random(1);
+  const Pose x = random.pose(0.3, kPi), y = random.pose(1, kPi);
+  std::vector<Vector3d> slides;
+  for (int k = 0; k < 10; ++k) slides.push_back(random.pose(0.5, kPi).translation);
+  const auto start_at = [&](double size) {  // A X = Y B
+    const auto scaled = [&](const Pose& p) { return Pose{p.rotation, size * p.translation}; };
+    std::vector<Pose> a, b;
+    for (const Vector3d& slide : slides) {
+      a.push_back(at(size * slide));
+      b.push_back(inverse(scaled(y)) * a.back() * scaled(x));
+    }
+    Pose found;
+    const auto start = robot_world_hand_eye_by_points(a, b, found);
+    REQUIRE(start.has_value());
+    return std::make_pair(Vector3d(start->x.translation / size),
+                          Vector3d(found.translation / size));
+  };
+  const auto [x_of_one, y_of_one] = start_at(1);
+  for (const double size : {0.005, 0.05, 50.0}) {
+    const auto [of_x, of_y] = start_at(size);
+    CHECK((of_x - x_of_one).norm() < 1e-6);
+    CHECK((of_y - y_of_one).norm() < 1e-6);
+  }
+}
+
 TEST_CASE("unknown poses: motion capture and a depth camera that see a board in the hand") {
   for (unsigned long seed = 1; seed <= 6; ++seed) {
     Random random(seed);

@@ -60,11 +60,15 @@ TEST_CASE("notices: sentences of a mistake and of a warning") {
         "Joint 'a' turns the other way. chi2 is 9 as it is and 1 without this "
         "mistake. Change its sign.");
   CHECK(with_id(mistake).rfind("joint-sign: Joint", 0) == 0);
-  const Notice warning =
+  Notice warning =
       make_notice(NoticeKind::sigma, {Subject::parameter("sensor/a/pose.x")},
                   "sensor/a/pose.x is known to 2 cm only", "too few turns", "record more");
   CHECK(sentences(warning) ==
         "sensor/a/pose.x is known to 2 cm only. Too few turns. What to do: record more");
+  warning.otherwise = "or hold it";
+  CHECK(sentences(warning) ==
+        "sensor/a/pose.x is known to 2 cm only. Too few turns. What to do: record more; or hold "
+        "it");
   CHECK(capital("sensor/a is") == "sensor/a is");
   CHECK(capital("no posture tells it") == "No posture tells it");
   CHECK(names_of(subjects(Subject::Kind::joint, {"b", "a"})) == std::vector<std::string>{"b", "a"});

@@ -74,7 +74,7 @@ TEST_CASE("verdict: good, doubts, and no") {
 
   report = converged(2);
   CHECK(judged(report).use == "doubts");
-  CHECK_THAT(words(report), StartsWith("converged, but chi2/dof is 2: "));
+  CHECK_THAT(words(report), StartsWith("chi2/dof is 2: "));
 
   report = converged(1);
   report.solution.parameters = {mount("sensor/eye/pose", 0.02, 0.001)};
@@ -104,8 +104,8 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.solution.status = Status::unobservable;  // as of a pose that is open
   report.solution.message = sentences(*loose_parameters(report));
   CHECK(judged(report).use == "no");
-  CHECK_THAT(words(report), StartsWith("a mistake was found that the result may have taken "
-                                       "up: home-position: joint 'a' counts from elsewhere. "));
+  CHECK_THAT(words(report), StartsWith("a mistake was found, home-position: joint 'a' counts from "
+                                       "elsewhere. The result may have taken it up. "));
   CHECK_THAT(words(report), Contains(besides));
 
   report = converged(1);
@@ -119,6 +119,10 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.automatic[0].unseen[0].name = "joint/a/offset";
   report.automatic[0].unseen[1].name = "joint/b/offset";
   CHECK(judged(report).use == "good");
+  CHECK(judged(report).next.empty());
+  CHECK(judged(report).reasons.empty());
+  REQUIRE(notes(judged(report)).size() == 1);
+  CHECK_THAT(notes(judged(report))[0], StartsWith("2 parameters were kept at their nominal"));
   CHECK_THAT(
       words(report),
       Contains("; 2 parameters were kept at their nominal values because the data do not determine "
@@ -218,8 +222,9 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   CHECK(ids(report) == Names{"width", "duplicates"});
   CHECK(verdict.use == "doubts");
   CHECK(verdict.about == std::vector<NoticeKind>{NoticeKind::width});
-  CHECK_THAT(verdict.why, Contains("parameters of group 'offsets' are off by 17 times"));
-  REQUIRE(verdict.next.size() == 1);
+  CHECK(verdict.why == "parameters of group 'offsets' are off by 17 times as much as usual");
+  CHECK(verdict.reasons == Names{"they may take up a mistake in the rig or the data"});
+  REQUIRE(verdict.next.size() == 2);
   CHECK_THAT(verdict.next[0], StartsWith("compare what the rig says of these parameters"));
   CHECK(verdict.see == std::vector<NoticeKind>{NoticeKind::duplicates});
 

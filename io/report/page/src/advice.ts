@@ -50,7 +50,7 @@ export function nextSteps(result: Result): Advice[] {
       }
       continue;
     }
-    add(notice.cure, notice.what);
+    add(notice.otherwise ? `${notice.cure}; ${notice.otherwise}` : notice.cure, notice.what);
   }
   if (result.verdict?.use === 'good')
     add('Use it: copy robot.urdf to the robot; changes.yaml has the same numbers for a robot from xacro.');

@@ -5,7 +5,7 @@
 export type Pose7 = number[];
 export type Maybe = number | null;
 
-export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string; why?: string; next?: string[]; see?: string[] }
+export interface Verdict { use: 'good' | 'doubts' | 'no'; text: string; why?: string; next?: string[]; reasons?: string[]; notes?: string[]; see?: string[] }
 export interface SplitErrors {
   points: number;
   rms_before: Maybe; rms: Maybe; rms_as_read: Maybe;
@@ -63,7 +63,7 @@ export interface Validation {
 }
 /** What findings and warnings have in common: a clause each for what is the case and what to do. */
 export interface Notice {
-  id: string; text: string; severity?: 'remark' | 'doubt' | 'fault'; what?: string; why?: string; cure?: string;
+  id: string; text: string; severity?: 'remark' | 'doubt' | 'fault'; what?: string; why?: string; cure?: string; otherwise?: string;
   in_verdict?: boolean; of_directions?: boolean;
 }
 export interface Warning extends Notice { names?: string[] }

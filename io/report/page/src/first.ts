@@ -6,9 +6,9 @@ import { digits, none, plainName, plural, shown, size, time } from './format';
 
 const titles = { evaluation: 'Residuals of', check: 'Check of' };
 const words = {
-  good: { sign: '✓', word: 'Good', say: 'Use this calibration.' },
-  doubts: { sign: '?', word: 'Usable, with doubts', say: 'Read the doubts before you use it.' },
-  no: { sign: '✕', word: 'Do not use', say: 'Mend what is named, then calibrate again.' },
+  good: { sign: '✓', word: 'Good:' },
+  doubts: { sign: '?', word: 'Usable, with doubts:' },
+  no: { sign: '✕', word: 'Do not use:' },
 };
 
 export function titleOf({ result, report }: Context): string {
@@ -154,18 +154,18 @@ function weakCard(result: Result): HTMLElement {
       : 'The number known worst (one standard deviation). All are known to better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All numbers')), beliefInSigmas(result));
 }
 
-/** The sentence that says it all, in its colour. */
-export interface Look { use: 'good' | 'doubts' | 'no' | 'unknown'; sign: string; word: string; say: string }
-export function judgement(look: Look, why: string): HTMLElement {
+/** The two lines that say it all, in their colour: whether to use it and why; what to do. */
+export interface Look { use: 'good' | 'doubts' | 'no' | 'unknown'; sign: string; word: string }
+export function judgement(look: Look, why: string, todo: string): HTMLElement {
   return h('div', { class: `verdict ${look.use}`, role: 'status' },
     h('span', { class: 'sign', 'aria-hidden': 'true' }, look.sign),
-    h('div', {}, h('p', { class: 'word' }, h('b', {}, look.word), look.say ? ` ${look.say}` : ''), h('p', { class: 'why' }, why)));
+    h('div', {}, h('p', { class: 'why' }, h('b', { class: 'word' }, look.word), ` ${why}`), h('p', { class: 'why' }, todo)));
 }
 
-/** What to do next, `nothing` where there are no steps; and what was held, if anything is said of it. */
-export function actions(steps: Advice[], held: HeldLine[], nothing: string): HTMLElement {
+/** What to do, `nothing` where there are no steps; and what was held, if anything is said of it. */
+export function actions(title: string, steps: Advice[], held: HeldLine[], nothing: string): HTMLElement {
   return h('div', { class: 'two' },
-    h('div', {}, h('h2', {}, 'What to do next'),
+    h('div', {}, h('h2', {}, title),
       steps.length ? h('ol', { class: 'todo' }, ...steps.slice(0, 6).map((step) =>
         h('li', {}, step.text, step.why ? h('span', { class: 'small' }, ` (${step.why})`) : null)))
         : h('p', {}, nothing)),
@@ -180,10 +180,12 @@ export function firstScreen(context: Context): HTMLElement {
   const verdict = result.verdict;
   const why = verdict?.why ?? verdict?.text ?? '';
   const held = heldLines(result);
+  const first = verdict?.next?.[0];
+  const reasons = verdict?.reasons ?? [];
   return h('div', { class: 'first', id: 'verdict' },
-    judgement(verdict ? { use: verdict.use, ...words[verdict.use] } : { use: 'unknown', sign: '…', word: 'No verdict', say: '' },
-      why ? sentence(capital(why)) : `Status: ${result.status ?? 'not told'}.`),
+    judgement(verdict ? { use: verdict.use, ...words[verdict.use] } : { use: 'unknown', sign: '…', word: 'No verdict.' },
+      why ? sentence(why) : `Status: ${result.status ?? 'not told'}.`, `What to do: ${sentence(first ?? 'nothing')}`),
     h('div', { class: 'cards' }, beforeAfterCard(context), fitCard(result), weakCard(result)),
-    actions(nextSteps(result), held.length ? held : [{ text: 'Nothing was held', names: [] }],
-      verdict && verdict.use !== 'good' ? 'What the verdict says.' : 'Nothing.'));
+    reasons.length ? h('div', { class: 'reasons' }, h('h2', {}, 'Why'), h('ul', { class: 'held' }, ...reasons.map((reason) => h('li', {}, sentence(capital(reason)))))) : null,
+    actions('Then', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'Nothing was held', names: [] }], 'Nothing else.'));
 }

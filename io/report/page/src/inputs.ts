@@ -30,16 +30,15 @@ function evaluationScreen(context: Context): HTMLElement {
     ...(ok ? { use: 'good', sign: '✓', word: 'As good as the noise allows.' }
       : ratio > 5 ? { use: 'no', sign: '✕', word: 'These values do not explain the samples.' }     // as a calibration's limit
       : { use: 'doubts', sign: '?', word: 'Not as the rig states.' }),
-    say: 'Residuals at the rig’s own values; nothing was calibrated.',
   };
   const steps = nextSteps(result);
   return h('div', { class: 'first', id: 'verdict' },
-    judgement(look, `chi²/dof is ${digits(chi2PerDof(result))}: ${word}.`),
+    judgement(look, `chi²/dof is ${digits(chi2PerDof(result))}: ${word}.`, 'Residuals at the rig’s own values; nothing was calibrated.'),
     h('div', { class: 'cards' },
       errorCard('Errors', ['explained', 'in use'], pooledErrors(context, (row) => [row.errors?.rms, row.errors?.rms_as_read]),
         'RMS; explained: errors of joint readings taken out; in use: as the robot’s own software sees it.'),
       fitCard(result), worstSample(context)),
-    actions(steps, [], ok ? 'Nothing.' : 'Calibrate with these samples, or ask kincal check what is wrong.'));
+    actions('What to do next', steps, [], ok ? 'Nothing.' : 'Calibrate with these samples, or ask kincal check what is wrong.'));
 }
 
 // ---- check
@@ -51,13 +50,14 @@ function checkScreen(context: Context): HTMLElement {
   const { result } = context;
   const findings = result.findings ?? [];
   const look: Look = findings.length
-    ? { use: 'no', sign: '✕', word: findings.length === 1 ? 'A mistake was found.' : `${plural(findings.length, 'mistake')} were found.`, say: 'Mend what is named, then check again.' }
-    : result.explained ? { use: 'good', sign: '✓', word: 'Nothing found.', say: 'These samples can be calibrated with.' }
-    : { use: 'doubts', sign: '?', word: 'None of the usual mistakes explains the data.', say: 'What is wrong is none of those that were looked for.' };
+    ? { use: 'no', sign: '✕', word: findings.length === 1 ? 'A mistake was found.' : `${plural(findings.length, 'mistake')} were found.` }
+    : result.explained ? { use: 'good', sign: '✓', word: 'Nothing found.' }
+    : { use: 'doubts', sign: '?', word: 'None of the usual mistakes explains the data.' };
+  const todo = { good: 'These samples can be calibrated with.', no: 'Mend what is named, then check again.', doubts: 'What is wrong is none of those that were looked for.', unknown: '' };
   const best = findings.find((finding) => typeof finding.chi2_corrected === 'number');
   const points = context.residuals.length;
   return h('div', { class: 'first', id: 'verdict' },
-    judgement(look, capital(result.said ?? '')),
+    judgement(look, capital(result.said ?? ''), todo[look.use]),
     h('div', { class: 'cards' },
       chi2PerDof(result) === null ? h('div', { class: 'card' }, h('h2', {}, 'Residuals against the stated noise'), h('p', {}, 'As it is, no fit can start.')) : fitCard(result),
       findings.length === 0 ? null : h('div', { class: 'card' }, h('h2', {}, 'With what was found undone'),
@@ -67,7 +67,7 @@ function checkScreen(context: Context): HTMLElement {
         h('p', { class: 'figure' }, h('b', {}, String(result.tested?.length ?? 0)), h('span', {}, ' kinds of mistakes')),
         h('p', {}, `${plural(context.samples.id.length, 'sample')}, ${plural(points, 'point')}, ${plural(context.sensors.length, 'sensor')}`),
         h('p', { class: 'small' }, h('a', { href: '#tested' }, 'Which')))),
-    actions(findings.map((finding) => ({ text: capital(finding.text ?? ''), why: finding.id })), [],
+    actions('What to do next', findings.map((finding) => ({ text: capital(finding.text ?? ''), why: finding.id })), [],
       result.explained ? 'Calibrate: kincal calibrate.' : 'Look at the sensor and the samples that fit worst (kincal calibrate, then its report).'));
 }
 

@@ -69,6 +69,7 @@ if (overview) {
   const result = data.result;
   const words = { good: 'Good', doubts: 'Usable, with doubts', no: 'Do not use' };
   if (result.verdict) check((await text('.verdict')).includes(words[result.verdict.use]), `verdict: ${words[result.verdict.use]}`);
+  if (result.verdict) check((await text('.verdict')).includes(`What to do: ${result.verdict.next?.[0] ?? 'nothing'}`), 'what to do is the second line');
   const ratio = (result.chi2_data ?? result.chi2) / (result.dof_data ?? result.dof);
   if (Number.isFinite(ratio)) check((await text('#verdict')).includes(await digits(ratio)), `chi2/dof ${await digits(ratio)}`);
   const sections = await page.locator('main > section').evaluateAll((all) => all.map((s) => s.id));
