@@ -492,7 +492,7 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
     WidthGroup& group = out.groups[g];
     if (without[g]) continue;
     if (group.members.empty() && group.unseen.empty()) {  // not there yet
-      out.further.push_back(group.name);
+      if (with[g]) out.further.push_back(group.name);
     } else if (with[g] || group.name != "gears") {
       kept.push_back(std::move(group));
     } else {

@@ -21,7 +21,7 @@
 //   shapes                     of joint models
 //   compliance, compliance across, loads, curve/NAME
 //                              of joints that bend, and of one that turns: its error over its
-//                              angle; tried behind all others (further.h)
+//                              angle; tried behind all others (further.h), only when asked for
 //   gears                      scales of all others; only when asked for
 //
 // A run is an unbranched row of joints. Of their origins all numbers are members but what moves
