@@ -60,6 +60,7 @@ TEST_CASE("elasticity: loads of rods and of inertials") {
   add_joint(rig, JointType::fixed, "stiff", "upper", "bracket", Vector3d::UnitX(), at(0.2));
   add_joint(rig, JointType::revolute, "b", "bracket", "fore", Vector3d::UnitZ(), at(0.3));
   add_points(rig, "ball", Eigen::Matrix3Xd::Zero(3, 1), "fore", at(0.4));
+  finish_tree(rig.tree);
   const Elasticity rods = nominal_elasticity(rig);
   const int a = joint_index(rig, "a"), b = joint_index(rig, "b");
   CHECK(rods.skeleton->bending == std::vector<int>{a, b});
