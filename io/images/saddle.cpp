@@ -18,7 +18,8 @@ constexpr double kWhole = 1.1;     // px, sigma of that, of a pixel and of diffe
 constexpr double kMost = 10;       // px: farther away the lens bends the edges
 constexpr double kNarrow = 3;      // px, of the window to every side: less tells no corner
 constexpr int kMargin = 4;         // px around the window that filters need
-constexpr double kFloor = 0.0035;  // px, of a coordinate: what sampling does
+// px, of a coordinate: what sampling does (rendered boards with noise of 0.3 and 1 grey level)
+constexpr double kFloor = 0.0023;
 constexpr double kThinnest = 1.4;  // blurs that the strip beside an edge has at least
 constexpr double kShortest = 2.2;  // blurs that a square of a chessboard is plain at least
 constexpr size_t kSigmas = 20;     // corners of a view whose sigma is worked out, or a few less

@@ -6,7 +6,8 @@
 // gradients, and noise. Pixels stay where they are and nothing is interpolated; the weights move
 // instead. And the weights are a cross along the edges in the plane of the print, as far as the
 // print is plain there: seen obliquely, or beside markers, a square of pixels would reach into what
-// is next or be too small.
+// is next or be too small. Light that changes across the picture has gradients of its own: its
+// share is taken out of the window first.
 //
 // Sigma. q solves F = sum w g g' (p - q) = 0. To first order the noise n of the pixels moves it by
 // J^-1 C n, where J = dF/dq and C collects what each pixel does to the gradients around it (the
