@@ -13,11 +13,11 @@
 namespace kincal {
 namespace {
 
-constexpr double kSmooth = 0.9;    // px, sigma of the Gaussian before gradients
-constexpr double kWhole = 1.1;     // px, sigma of that, of a pixel and of differences
-constexpr double kMost = 10;       // px: farther away the lens bends the edges
-constexpr double kNarrow = 3;      // px, of the window to every side: less tells no corner
-constexpr int kMargin = 4;         // px around the window that filters need
+constexpr double kSmooth = 0.9;  // px, sigma of the Gaussian before gradients
+constexpr double kWhole = 1.1;   // px, sigma of that, of a pixel and of differences
+constexpr double kMost = 10;     // px: farther away the lens bends the edges
+constexpr double kNarrow = 3;    // px, of the window to every side: less tells no corner
+constexpr int kMargin = 4;       // px around the window that filters need
 // px, of a coordinate: what sampling does (rendered boards with noise of 0.3 and 1 grey level)
 constexpr double kFloor = 0.0023;
 constexpr double kThinnest = 1.4;  // blurs that the strip beside an edge has at least

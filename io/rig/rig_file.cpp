@@ -617,7 +617,6 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   file.flange_only = urdf_path.empty() && robot.node->kind == Node::Kind::mapping;
   file.urdf = file.flange_only ? read_flange_robot(robot, path)
                                : read_urdf(urdf_path.empty() ? robot_path(robot, path) : urdf_path);
-
   Rig& rig = file.rig;
   rig.tree = file.urdf.tree;
   rig.masses = file.urdf.masses;

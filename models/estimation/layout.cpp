@@ -336,8 +336,7 @@ void Layout::place_bending(SensorPath& path, const std::map<int, int>& places,
       add_all(Source::load, j, table.load[j]);
     else if (!any([&](int i) { return skeleton.carries(j, i); }))
       continue;
-    if (std::count(bending.begin(), bending.end(), j))
-      add_all(Source::compliance, j, table.compliance[j]);
+    add_all(Source::compliance, j, table.compliance[j]);
     add_all(Source::origin, j, table.joint_origin[j]);
     const Joint& joint = rig.tree.joints[j];
     if (!joint.moves() || joint.type == JointType::prismatic) continue;
