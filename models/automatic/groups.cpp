@@ -392,20 +392,12 @@ void GroupMaker::make_bending() {
   const Eigen::Vector2d rms = (squares.rowwise().maxCoeff() / seen).cwiseSqrt();
   double heaviest = 0;
   for (const Vector3d& load : elasticity.load) heaviest = std::max(heaviest, load.norm());
-  // Only products of loads and compliances are found: the largest number of the load that the joint
-  // with the largest moment carries stays, and with it one factor of all.
-  Eigen::Index most = 0;
-  squares.row(0).maxCoeff(&most);
-  const int heavy = skeleton.bending[most];
-  Eigen::Index largest = 0;
-  elasticity.load[heavy].cwiseAbs().maxCoeff(&largest);
   for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
     const int compliance = table_.compliance[j], load = table_.load[j];
     for (int c = 0; c < 3; ++c) {
       if (compliance >= 0 && rms(c > 0) > 0 && used_[compliance])
         add(names[c > 0], compliance, c, (c == 0 ? kAbout : kAcross) / rms(c > 0));
-      const bool gauge = static_cast<int>(j) == heavy && c == largest;
-      if (load >= 0 && heaviest > 0 && used_[load] && !gauge)
+      if (load >= 0 && heaviest > 0 && used_[load])
         add(names[2], load, c, std::max(elasticity.load[j].norm(), kLeast * heaviest));
     }
   }

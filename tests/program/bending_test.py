@@ -89,7 +89,7 @@ class Bending(Folder):
             with self.subTest(entry):
                 self.write("rig.yaml", RIG % (entry + "\n"))
                 run = self.run_kincal("check", "rig.yaml", "samples.jsonl")
-                self.assertEqual(run.returncode, 1, run.stdout)
+                self.assertEqual(run.returncode, 2, run.stdout)
                 self.assertIn("rig.yaml:9", run.stderr)
                 self.assertIn(said, run.stderr)
 
