@@ -85,11 +85,13 @@ WidthProblem alone(const WidthProblem& p, const VectorXd& factor, int first_furt
   return out;
 }
 
-/// The best widths of a problem of one group, from several starts.
-Widths best_widths(const WidthProblem& problem) {
+/// The best widths of a problem of one group, from several starts. (Of loads their own size is one:
+/// wider ones only take the place of compliances, for only products count.)
+Widths best_widths(const WidthProblem& problem, const std::string& group) {
   Widths best;
   double most = 0;
   for (const double start : kStarts) {
+    if (group == kLoads && start != 1) continue;
     Widths widths = learn_widths(problem, VectorXd::Constant(1, start), kFurtherRounds);
     if (!widths.defined) continue;
     const double u = std::log(widths.factor(0)) / std::log(3.0);
@@ -205,7 +207,7 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   std::vector<std::pair<double, int>> gaining;
   for (int group = first; group < factor.size(); ++group) {
     const WidthProblem one = alone(at, factor, first, group);
-    const Widths learned = best_widths(one);
+    const Widths learned = best_widths(one, with.groups.groups[group].name);
     if (!learned.defined) continue;
     factor(group) = learned.factor(0);
     const double gain = evidence_gain(one, learned, 0);

@@ -288,6 +288,28 @@ Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
   return out;
 }
 
+/// Only products of loads and compliances are found. Where both are estimated, one factor of all is
+/// known by their widths alone, and moves nothing but where it is taken for more than first order:
+/// errors are predicted with the largest load as it is.
+void fix_factor_of_loads(const ParameterTable& table, const VectorXd& values, Prediction& out) {
+  Eigen::Index largest = -1;
+  double most = 0;
+  bool bends = false;
+  for (size_t i = 0; i < out.columns.size(); ++i) {
+    const Parameter& p = table.all[out.columns[i].parameter];
+    bends = bends || p.kind == ParameterKind::compliance;
+    const double load = std::abs(values(p.start + out.columns[i].index));
+    if (p.kind != ParameterKind::load || load <= most) continue;
+    most = load;
+    largest = static_cast<Eigen::Index>(i);
+  }
+  if (largest < 0 || !bends || !(out.covariance(largest, largest) > 0)) return;
+  const VectorXd with = out.covariance.col(largest);
+  out.covariance -= with * with.transpose() / with(largest);
+  out.covariance.row(largest).setZero();
+  out.covariance.col(largest).setZero();
+}
+
 /// The data's equations at the solution, of all that was estimated or held: those that the widths
 /// were learned from, moved there.
 DataEquations data_of(const Learned& learned, const Solution& solution) {
@@ -448,6 +470,7 @@ Calibrated calibrate_groups(const Model& model) {
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return {out, {}};
   solution.prediction = prediction_of(groups, learned, selection);
+  fix_factor_of_loads(recording.table, solution.values.shared, *solution.prediction);
   out.other_models =
       other_models(recording, {learned.problem, learned.columns}, learned.widths, solution.initial);
   for (const OtherModel& other : out.other_models)
