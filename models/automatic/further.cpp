@@ -12,8 +12,10 @@
 namespace kincal {
 namespace {
 
-constexpr int kFurtherRounds = 20, kFolds = 5;
-constexpr double kStarts[] = {1, 10};  // of a group's widths
+constexpr int kFurtherRounds = 20;  // of widths: changes are small by then
+constexpr int kFolds = 5;           // as usual in cross-validation
+constexpr double kStarts[] = {1,
+                              10};  // of a group's widths: their evidence has two maxima (an Aubo)
 
 /// Where the parameters of a recording are in one with more of them: by index.
 std::vector<int> places_of(const ParameterTable& table, const ParameterTable& in) {
@@ -85,8 +87,8 @@ WidthProblem alone(const WidthProblem& p, const VectorXd& factor, int first_furt
   return out;
 }
 
-/// The best widths of a problem of one group, from several starts. (Of loads their own size is one:
-/// wider ones only take the place of compliances, for only products count.)
+/// The best widths of a problem of one group, from several starts. (Loads start at their own size:
+/// only their products with compliances count, so wider loads would stand in for compliances.)
 Widths best_widths(const WidthProblem& problem, const std::string& group) {
   Widths best;
   double most = 0;

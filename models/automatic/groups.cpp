@@ -367,10 +367,12 @@ void GroupMaker::make_targets_and_sensors() {
     }
 }
 
-/// Compliances begin with what bends the joint with the largest moments by 1 mrad about its axis,
-/// 0.3 mrad across it; loads with their own size, or a tenth of the largest.
+/// Starting widths. Of compliances: the joint with the largest moments bends by 1 mrad about its
+/// axis and 0.3 mrad across it, as drives and bearings of measured arms do. Of loads: their own
+/// size, which rods miss by about as much, or a tenth of the largest where that is near 0.
 void GroupMaker::make_bending() {
-  constexpr double kAbout = 1e-3, kAcross = 3e-4, kLeast = 0.1;
+  constexpr double kAbout = 1e-3, kAcross = 3e-4;  // rad
+  constexpr double kLeast = 0.1;                   // of the largest load
   const std::string names[] = {kCompliance, kComplianceAcross, kLoads};
   if (!rig_.elasticity && !can_bend(rig_)) return;
   for (const std::string& name : names) out_.groups.push_back({name, {}, {}});

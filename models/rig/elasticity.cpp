@@ -58,7 +58,7 @@ class Loads {
     }
     return mass;
   }
-  /// Of a link behind which nothing moves: the rod to what is mounted on it.
+  /// Of a link behind which nothing moves: the rod to the sensors and targets on it.
   double end_rod(int link, Vector3d& moment) const {
     if (!rods_ || !moment.isZero()) return 0;
     Vector3d sum = Vector3d::Zero();

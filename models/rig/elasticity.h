@@ -1,4 +1,4 @@
-// A rig whose joints bend: which joints, what they carry, and what is known of that beforehand.
+// A rig whose joints bend: which joints, what they carry, and the loads that it begins with.
 //
 // Every joint bends that turns and has a reading of its own, but for those that scan for a sensor.
 // Loads have all links that a joint moves; links that are fixed to them are part of them. In the
@@ -6,8 +6,8 @@
 //
 // Only the products of loads and compliances are found, so one factor of all is free: it stays at
 // that of the loads that the rig begins with. Those come from the URDF's inertials where three
-// links or more have a mass, else from rods of 1 kg from joint to joint, the last to what is
-// mounted there.
+// links or more have a mass, else from rods of 1 kg from joint to joint, the last to the
+// sensors and targets there.
 #pragma once
 
 #include "parameters.h"

@@ -152,23 +152,9 @@ TEST_CASE("joint models: residuals, whitening and every derivative of a robot wi
     problem.set_workers(1);
     const VectorXd state = problem.pack(s.values);
     problem.renew(state);
-    const auto at = [&](const VectorXd& x) {
-      problem.prepare(x);
-      return stack(problem, x);
-    };
-    const Stacked analytic = at(state);
-    MatrixXd numeric(analytic.j.rows(), analytic.j.cols());
-    for (Eigen::Index k = 0; k < numeric.cols(); ++k)
-      numeric.col(k) = derivative(
-          [&](double h) {
-            VectorXd step = VectorXd::Zero(numeric.cols()), moved;
-            step(k) = h;
-            problem.retract(state, step.tail(problem.shared_size()), step.head(analytic.privates),
-                            moved);
-            return VectorXd(at(moved).r);
-          },
-          1e-3);
     problem.prepare(state);
+    const Stacked analytic = stack(problem, state);
+    const MatrixXd numeric = stacked_differences(problem, state, 1e-3);
     const std::vector<ViewResiduals> views = problem.residuals(state);
     Eigen::Index row = 0;
     size_t next = 0;

@@ -95,27 +95,16 @@ TEST_CASE("elasticity: every derivative of an estimation") {
     problem.set_workers(1);
     const VectorXd state = problem.pack(s.values);
     problem.renew(state);
-    const auto at = [&](const VectorXd& x) {
-      problem.prepare(x);
-      return stack(problem, x);
-    };
-    const Stacked analytic = at(state);
+    problem.prepare(state);
+    const Stacked analytic = stack(problem, state);
+    const MatrixXd numeric = stacked_differences(problem, state, 1e-5);
     for (Eigen::Index k = 0; k < analytic.j.cols(); ++k) {
-      const VectorXd numeric = derivative(
-          [&](double h) {
-            VectorXd step = VectorXd::Zero(analytic.j.cols()), moved;
-            step(k) = h;
-            problem.retract(state, step.tail(problem.shared_size()), step.head(analytic.privates),
-                            moved);
-            return VectorXd(at(moved).r);
-          },
-          1e-5);
       INFO("column " << k << " "
                      << (k >= analytic.privates
                              ? problem.column_name(static_cast<int>(k - analytic.privates))
                              : "private")
                      << " rotor " << rotor);
-      CHECK((analytic.j.col(k) - numeric).norm() <= 1e-6 * numeric.norm() + 1e-5);
+      CHECK((analytic.j.col(k) - numeric.col(k)).norm() <= 1e-6 * numeric.col(k).norm() + 1e-5);
     }
   }
 }
