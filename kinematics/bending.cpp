@@ -52,9 +52,31 @@ void BentPosture::resize(const Skeleton& skeleton) {
   for (MatrixXd* square : {&coupling, &response, &loads}) square->setZero(n, n);
 }
 
-bool bend(const Skeleton& skeleton, BentPosture& at) {
+namespace {
+
+/// exp_so3(), without sines where the rotation is small.
+Matrix3d bend_by(const Vector3d& w) {
+  const double s = w.squaredNorm();
+  if (s > 1e-4) return exp_so3(w);
+  const double a = 1 - s / 6 * (1 - s / 20), b = 0.5 - s / 24 * (1 - s / 30);
+  Matrix3d out = b * (w * w.transpose());
+  out.diagonal().array() += 1 - b * s;
+  out(1, 0) += a * w.z(), out(0, 1) -= a * w.z();
+  out(0, 2) += a * w.y(), out(2, 0) -= a * w.y();
+  out(2, 1) += a * w.x(), out(1, 2) -= a * w.x();
+  return out;
+}
+
+/// Iterates to the equilibrium.
+bool settle(const Skeleton& skeleton, BentPosture& at) {
   constexpr int kIterations = 100;
-  for (Vector3d& delta : at.delta) delta.setZero();
+  for (int i = 0; i < skeleton.size(); ++i) {
+    const int j = skeleton.bending[i];
+    at.delta[i].setZero();
+    Matrix3d basis = skeleton.basis[i];
+    if (at.rotor) basis = at.motion[j] * basis;
+    at.yielding[i].noalias() = basis * at.compliance[j].asDiagonal() * basis.transpose();
+  }
   double before = 0;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     for (const int j : skeleton.order) {
@@ -62,27 +84,25 @@ bool bend(const Skeleton& skeleton, BentPosture& at) {
                                           : Matrix3d(at.link[skeleton.above[j]] * at.origin[j]);
       const int i = skeleton.index[j];
       if (i >= 0) {
-        at.bend[i] = exp_so3(at.delta[i]);
-        at.link[j] = at.frame[j] * at.bend[i] * at.motion[j];
+        at.bend[i] = bend_by(at.delta[i]);
+        const Matrix3d bent = at.frame[j] * at.bend[i];
+        at.link[j].noalias() = bent * at.motion[j];
       } else {
-        at.link[j] = at.frame[j] * at.motion[j];
+        at.link[j].noalias() = at.frame[j] * at.motion[j];
       }
-      at.moment[j] = at.link[j] * at.load[j];
+      at.moment[j].noalias() = at.link[j] * at.load[j];
     }
     for (auto j = skeleton.order.rbegin(); j != skeleton.order.rend(); ++j)
       if (skeleton.above[*j] >= 0) at.moment[skeleton.above[*j]] += at.moment[*j];
     double change = 0;
     for (int i = 0; i < skeleton.size(); ++i) {
       const int j = skeleton.bending[i];
-      Matrix3d basis = skeleton.basis[i];
-      if (at.rotor) basis = at.motion[j] * basis;
-      at.yielding[i] = basis * at.compliance[j].asDiagonal() * basis.transpose();
-      at.torque[i] = at.frame[j].transpose() * at.moment[j].cross(at.gravity);
+      at.torque[i].noalias() = at.frame[j].transpose() * at.moment[j].cross(at.gravity);
       const Vector3d delta = at.yielding[i] * at.torque[i];
-      change = std::max(change, (delta - at.delta[i]).norm());
-      at.left[i] = left_jacobian_so3(delta);
+      change = std::max(change, (delta - at.delta[i]).squaredNorm());
       at.delta[i] = delta;
     }
+    change = std::sqrt(change);
     if (!std::isfinite(change) || change > kPi) return false;
     if (change <= 1e-15) return true;
     // (Close to the end rounding lets it stand.)
@@ -92,21 +112,37 @@ bool bend(const Skeleton& skeleton, BentPosture& at) {
   return before < 1e-12;
 }
 
+}  // namespace
+
+bool bend(const Skeleton& skeleton, BentPosture& at) {
+  if (!settle(skeleton, at)) return false;
+  for (int i = 0; i < skeleton.size(); ++i) at.left[i] = left_jacobian_so3(at.delta[i]);
+  return true;
+}
+
 namespace {
 
 /// The motion by a rotation of all that joint k carries, seen from the root; `frame_too`: the
 /// joint's own frame turns as well, else what is behind its deflection. `loads` is D E C F'.
 ThreeColumns by_turn(const Skeleton& skeleton, const BentPosture& at,
                      const Eigen::Ref<const MatrixXd>& loads, int k, bool frame_too) {
-  const Matrix3d down = skew(at.gravity), turned = down * skew(at.moment[k]);
-  ThreeColumns out = ThreeColumns::Zero(loads.rows(), 3);
+  // (skew(s) skew(g) = g s' - (s.g) 1)
+  const Vector3d& g = at.gravity;
+  ThreeColumns out = ThreeColumns::Zero(loads.rows(), 3), carrying = out;
   for (int i = 0; i < skeleton.size(); ++i) {
     const int joint = skeleton.bending[i];
-    if (joint == k ? frame_too : skeleton.carries(k, joint))
-      out.noalias() += loads.middleCols<3>(3 * i) * (skew(at.moment[joint]) * down);
-    else if (joint == k || skeleton.carries(joint, k))
-      out.noalias() += loads.middleCols<3>(3 * i) * turned;
+    const auto columns = loads.middleCols<3>(3 * i);
+    if (joint == k ? frame_too : skeleton.carries(k, joint)) {
+      const Vector3d& s = at.moment[joint];
+      out.noalias() += (columns * g) * s.transpose();
+      out.noalias() -= s.dot(g) * columns;
+    } else if (joint == k || skeleton.carries(joint, k)) {
+      carrying += columns;
+    }
   }
+  const Vector3d& s = at.moment[k];
+  out.noalias() += (carrying * s) * g.transpose();
+  out.noalias() -= s.dot(g) * carrying;
   return out;
 }
 

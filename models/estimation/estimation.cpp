@@ -237,7 +237,13 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
       kernels().gram(l, rows, scratch.rows.outerStride(), w, gram.data(), ld);
     motion.kinematic_matrix(v, s, state, scratch);
     const int depth = s.layout->paths[v.layout->path].rows(), sum = v.layout->sum;
-    const SharedSums sums(layout.sums[sum], scratch.sums.data() + scratch.sums_start[sum]);
+    double* const sum_at = scratch.sums.data() + scratch.sums_start[sum];
+    if (scratch.summing && !scratch.is_begun[sum]) {
+      std::fill(sum_at, scratch.sums.data() + scratch.sums_start[sum + 1], 0.0);
+      scratch.is_begun[sum] = 1;
+      scratch.begun.push_back(sum);
+    }
+    const SharedSums sums(layout.sums[sum], sum_at);
     expand(depth, v.layout->map, layout.groups[group], scratch.expand, to,
            scratch.summing ? &sums : nullptr);
   }
@@ -257,14 +263,16 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
 
 void Estimation::begin_piece(int worker) const {
   Scratch& scratch = parts_->scratch[worker];
-  std::fill(scratch.sums.begin(), scratch.sums.end(), 0.0);
+  for (const int i : scratch.begun) scratch.is_begun[i] = 0;
+  scratch.begun.clear();
   scratch.summing = true;
 }
 
 void Estimation::end_piece(int worker, const GroupEquations& to) const {
   Scratch& scratch = parts_->scratch[worker];
   const std::vector<SharedColumns>& sums = parts_->layout.sums;
-  for (size_t i = 0; i < sums.size(); ++i)
+  std::sort(scratch.begun.begin(), scratch.begun.end());
+  for (const int i : scratch.begun)
     add_shared(sums[i], {sums[i], scratch.sums.data() + scratch.sums_start[i]}, to);
   scratch.summing = false;
 }

@@ -56,6 +56,10 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
       sums += shared.size();
     }
     s.sums.assign(sums + kSlack, 0.0);
+    s.sums_start.push_back(sums);
+    s.is_begun.assign(layout.sums.size(), 0);
+    s.begun.clear();
+    s.begun.reserve(layout.sums.size());
     s.motion.resize(layout.rig.tree.joints.size());
     s.moved.resize(layout.rig.tree.joints.size());
     s.reading.resize(layout.rig.tree.joints.size());

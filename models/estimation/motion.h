@@ -50,6 +50,8 @@ struct alignas(kCacheLine) Scratch {
   AlignedNumbers sums;  // SharedSums of Layout::sums, one behind the other
   std::vector<size_t> sums_start;
   bool summing = false;                  // between begin_piece() and end_piece()
+  std::vector<char> is_begun;            // by sum: something was added in this piece
+  std::vector<int> begun;                // these
   const PlacedSample* walked = nullptr;  // whose paths these are
   long version = -1;                     // of the motion that they were walked at
 };
