@@ -399,13 +399,15 @@ void add_settings(CLI::App& command, CalibrateSettings& s) {
       .add_option(
           "--group", s.groups,
           "of a rig without `estimate`: also let this group of numbers be wrong (gears: the "
-          "gear scales; curve/JOINT: the joint's error over its angle); may be repeated")
+          "gear scales); may be repeated")
       ->allow_extra_args(false)
       ->type_name("NAME");
   command
-      .add_option("--no-group", s.no_groups,
-                  "of a rig without `estimate`: take this group of numbers as the rig has it "
-                  "(offsets, lengths/*, sizes, ...: see --dry-run); may be repeated")
+      .add_option(
+          "--no-group", s.no_groups,
+          "of a rig without `estimate`: take this group of numbers as the rig has it "
+          "(offsets, lengths/*, sizes, ...: see --dry-run; curve/*, compliance*: joints have no "
+          "error curves, do not bend); may be repeated")
       ->allow_extra_args(false)
       ->type_name("NAME");
   command.add_option("--linear-solver", s.linear_solver, "of the reduced system")

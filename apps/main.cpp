@@ -34,6 +34,8 @@ const char* const kFooter =
     "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
     "  kincal show result                                         the essentials again; "
     "result/report.html has them all\n"
+    "  kincal compensate result planned.csv --tip tool0           readings for a robot whose "
+    "joints bend\n"
     "  kincal export result --as camera_info --sensor camera      for ROS, OpenCV, Kalibr, "
     "easy_handeye\n"
     "  kincal local result samples.jsonl --near plugging_in --out local.yaml   joint offsets "
@@ -127,6 +129,7 @@ int main(int argc, char** argv) try {
       {"show", [&] { return show_command(app); }},
       {"report", [&] { return report_command(app); }},
       {"export", [&] { return export_command(app); }},
+      {"compensate", [&] { return compensate_command(app); }},
       {"import", [&] { return import_command(app, rest); }},
       {"local", [&] { return local_command(app, line); }},
       {"intrinsics", [&] { return intrinsics_command(app, line); }},

@@ -27,8 +27,12 @@ std::string where_text(const Report& report, const ResultFiles& files,
   std::string out = "Written to " + a.out;
   if (report.verdict.use != "no")
     out += files.robot_urdf.empty() ? ": rig.yaml has what was found"
-                                    : ": robot.urdf is the calibrated robot, rig.yaml the rig "
-                                      "that goes with it";
+           : files.unbent_urdf.empty()
+               ? ": robot.urdf is the calibrated robot, rig.yaml the rig "
+                 "that goes with it"
+               : ": robot.urdf and rig_rigid.yaml are the best robot that a "
+                 "URDF can hold; rig.yaml and robot_unbent.urdf have what "
+                 "it cannot, too";
   if (a.tables) return wrapped(out, "", 2);
   return wrapped(out, "", 2) +
          wrapped((a.settings.no_report ? "" : a.out + "/report.html (a browser), ") +

@@ -26,6 +26,7 @@ Command apply_command(CLI::App& app);
 Command show_command(CLI::App& app);
 Command report_command(CLI::App& app);
 Command export_command(CLI::App& app);
+Command compensate_command(CLI::App& app);
 Command import_command(CLI::App& app, const std::vector<std::string>& arguments);
 Command init_command(CLI::App& app);
 Command local_command(CLI::App& app, const std::string& command_line);

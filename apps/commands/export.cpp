@@ -24,7 +24,7 @@ int export_result(const ExportArguments& a) {
     say_cleared(clear_leftovers(a.out));
     check_output_file(a.out, a.force);
   }
-  const CalibratedFiles files = read_calibrated(a.result);
+  const CalibratedFiles files = read_calibrated(a.result, true);
   const std::string status = files.status.empty() ? files.lens_status : files.status;
   if (!status.empty() && status != "converged" && !a.force)
     throw InputError(a.result + ": its status is '" + status + "', not 'converged'" +

@@ -240,6 +240,9 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
                                 [](const SensorResult& s) { return s.test.points > 0; });
   const bool train = std::any_of(sensors.begin(), sensors.end(),
                                  [](const SensorResult& s) { return s.train.points > 0; });
+  const bool uncorrected = std::any_of(sensors.begin(), sensors.end(), [](const SensorResult& s) {
+    return std::isfinite(s.train.rms_uncorrected) || std::isfinite(s.test.rms_uncorrected);
+  });
   std::vector<std::vector<std::string>> rows = {{"sensor", "unit"}};
   for (const char* split : {"train", "held out"}) {
     if ((split[0] == 't' && !train) || (split[0] == 'h' && !test)) continue;
@@ -247,6 +250,7 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
     if (before) rows[0].push_back("before");
     rows[0].push_back(before ? "after" : "rms");
     rows[0].push_back("as read");
+    if (uncorrected) rows[0].push_back("robot.urdf alone");
   }
   for (const SensorResult& s : sensors)
     for (bool rotation : {false, true}) {
@@ -260,6 +264,9 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
           row.push_back(value(rotation ? split->rotation_before : split->rms_before, unit.factor));
         row.push_back(value(rotation ? split->rotation : split->rms, unit.factor));
         row.push_back(value(rotation ? split->rotation_as_read : split->rms_as_read, unit.factor));
+        if (uncorrected)
+          row.push_back(
+              value(rotation ? split->rotation_uncorrected : split->rms_uncorrected, unit.factor));
       }
       rows.push_back(row);
     }

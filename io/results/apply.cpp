@@ -75,13 +75,21 @@ ResultToApply open_result(const std::string& result_path, bool force) {
   return out;
 }
 
+/// The robot that a URDF can hold: where joints bend or have error curves that of a rigid
+/// calibration.
+Field robot_of(const Field& all) { return all[all.has("rigid_robot") ? "rigid_robot" : "robot"]; }
+
 /// What there is to say of a result that becomes part of `what`.
 std::vector<std::string> notes_of(const ResultToApply& result, const std::string& what) {
   std::vector<std::string> out;
   if (!result.doubt.empty()) out.push_back(result.path + ": " + result.doubt);
   const Field all = result.all();
-  if (!all["robot"].has("joint_models")) return out;
-  const Field models = all["robot"]["joint_models"];
+  if (all.has("rigid_robot"))
+    out.push_back("the joints bend or have error curves, which " + what +
+                  " cannot express; this is the best robot without them (result.json: "
+                  "rms_uncorrected)");
+  if (!robot_of(all).has("joint_models")) return out;
+  const Field models = robot_of(all)["joint_models"];
   for (const auto& [joint, model] : models.members()) {
     std::string numbers;
     for (const auto& [name, ignored] : models[joint].members())
@@ -101,12 +109,12 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   const ResultToApply result = open_result(result_path, force);
   const std::string& path = result.path;
   const Field all = result.all();
-  const Field joints = all["robot"]["joints"], reductions = all["robot"]["reductions"];
+  const Field joints = robot_of(all)["joints"], reductions = robot_of(all)["reductions"];
   UrdfChanges changes;
   std::vector<Pose> origins;
   std::vector<double> offsets(urdf.tree.joints.size(), 0.0);
   for (const Joint& j : urdf.tree.joints) origins.push_back(j.parent_T_joint);
-  const Field mimics = all["robot"]["mimics"];
+  const Field mimics = robot_of(all)["mimics"];
   for (const auto& [name, ignored] : mimics.members()) {  // followers must be followers here too
     const int j = urdf.tree.find_joint(name);
     const std::string motion = j < 0 ? "absent" : motion_text(urdf.tree, urdf.tree.joints[j]);
@@ -171,21 +179,21 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
 AppliedResult apply_to_mjcf(const std::string& result_path, const std::string& text,
                             const std::string& path, bool force) {
   const ResultToApply result = open_result(result_path, force);
-  const CalibratedFiles files = read_calibrated(result.path);
-  const Tree& tree = files.rig_file.urdf.tree;
+  const RigFile rig_file = read_calibrated(result.path, true).rig_file;
+  const Tree& tree = rig_file.urdf.tree;
   CalibratedTree robot{tree, {}, {}, {}};
   for (const Joint& joint : tree.joints) robot.after.push_back(joint.parent_T_joint);
   robot.before = robot.after;
-  const Field joints = result.all()["robot"]["joints"];
+  const Field joints = robot_of(result.all())["joints"];
   for (const auto& [name, ignored] : joints.members()) {
     const int j = tree.find_joint(name);
-    if (j < 0) joints[name].fail("is no joint of " + files.rig_file.urdf.path);
+    if (j < 0) joints[name].fail("is no joint of " + rig_file.urdf.path);
     robot.before[j] = read_exact_pose(joints[name]["old"]);
     if (apart(robot.after[j], read_exact_pose(joints[name]["new"])) > kSame)
-      joints[name].fail("is not that of " + files.rig_file.urdf.path +
+      joints[name].fail("is not that of " + rig_file.urdf.path +
                         ": this result.json belongs to another robot");
   }
-  const Rig& rig = files.rig_file.rig;
+  const Rig& rig = rig_file.rig;
   for (const Sensor& sensor : rig.sensors)
     if (sensor.type == "camera" && sensor.pose_given)
       robot.cameras.push_back(

@@ -38,12 +38,12 @@ Component find_component(const ParameterTable& table, const std::string& name) {
 }
 
 /// Offsets and reductions that a result put into its robot, taken out again.
-void unfold(const Field& result, CalibratedFiles& out) {
+void unfold(const Field& robot, CalibratedFiles& out) {
   const Tree& tree = out.rig_file.rig.tree;
   std::vector<double> offsets(tree.joints.size(), 0.0), back(tree.joints.size(), 0.0);
   std::vector<Pose> origins;
   for (const Joint& j : tree.joints) origins.push_back(j.parent_T_joint);
-  const Field robot = result["robot"], joints = robot["joints"];
+  const Field joints = robot["joints"];
   const auto refuse = [&](const Field& joint) {
     joint.fail("is not that of " + out.rig_file.urdf.path +
                ": this result.json belongs to another robot");
@@ -145,12 +145,15 @@ int find_parameter(const ParameterTable& table, const std::string& name) {
   return -1;
 }
 
-CalibratedFiles read_calibrated(const std::string& given) {
+CalibratedFiles read_calibrated(const std::string& given, bool rigid) {
+  constexpr char kRigid[] = "rig_rigid.yaml";
   const fs::path path(given);
   std::error_code ignored;
   const bool folder = fs::is_directory(path, ignored);
   const bool json = !folder && path.extension() == ".json";
-  const fs::path rig = folder || json ? (folder ? path : path.parent_path()) / "rig.yaml" : path;
+  const fs::path in = folder ? path : path.parent_path();
+  rigid = rigid && fs::exists(in / kRigid, ignored);
+  const fs::path rig = rigid ? in / kRigid : folder || json ? in / "rig.yaml" : path;
   const fs::path result = json ? path : rig.parent_path() / "result.json";
   if (!fs::exists(rig, ignored))
     throw InputError(
@@ -174,9 +177,11 @@ CalibratedFiles read_calibrated(const std::string& given) {
   if (!all.has("robot") || !all.has("parameters") || !all.has("status"))
     throw InputError(
         where + ": is no result of `kincal calibrate`: it has no robot, parameters and status");
-  unfold(all, out);
+  const bool alone = rig.filename() == kRigid;
+  unfold(all[alone ? "rigid_robot" : "robot"], out);
   out.status = all["status"].string();
   if (std::string doubt = verdict_doubt(all); !doubt.empty()) out.doubts.push_back(doubt);
+  if (alone) return out;
   const Field parameters = all["parameters"];
   for (const auto& [name, estimate] : parameters.members()) {
     const int p = find_parameter(out.table, name);

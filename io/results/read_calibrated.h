@@ -30,8 +30,10 @@ struct CalibratedFiles {
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };
-/// Reads a calibration. @throws InputError
-CalibratedFiles read_calibrated(const std::string& path);
+/// Reads a calibration. `rigid`: for software in which joints cannot bend and have no error curves;
+/// where the result's do, that is the best robot without them (rig_rigid.yaml), of which neither
+/// sigmas nor covariance are known. @throws InputError
+CalibratedFiles read_calibrated(const std::string& path, bool rigid = false);
 
 /// Returns what a result.json says against using the result: its verdict, unless that is good; else
 /// "".

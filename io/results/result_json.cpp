@@ -24,10 +24,13 @@ Json statistics(const SplitStatistics& s, bool measures_pose, bool before) {
   if (before) out["rms_before"] = number(s.rms_before);
   out["rms"] = number(s.rms);
   out["rms_as_read"] = number(s.rms_as_read);
+  if (std::isfinite(s.rms_uncorrected)) out["rms_uncorrected"] = s.rms_uncorrected;
   if (measures_pose) {
     if (before) out["rms_rotation_before"] = number(s.rotation_before);
     out["rms_rotation"] = number(s.rotation);
     out["rms_rotation_as_read"] = number(s.rotation_as_read);
+    if (std::isfinite(s.rotation_uncorrected))
+      out["rms_rotation_uncorrected"] = s.rotation_uncorrected;
   }
   return out;
 }
@@ -411,6 +414,12 @@ Json result_json(const Report& report) {
     json["automatic"] = automatic_list(report.automatic);
     json["held"] = held_list(report.automatic);
   }
+  if (!report.deflections.empty()) json["bending"] = Json::object();
+  for (const Deflection& d : report.deflections)
+    json["bending"][d.frame] = {{"samples", d.samples},
+                                {"mean", d.mean},
+                                {"largest", d.largest},
+                                {"sample", report.solution.samples()[d.largest_in].id}};
   json["rejected"] = Json::array();
   for (const Rejected& r : report.rejected) {
     Json one = {{"sample", r.sample}};

@@ -123,10 +123,10 @@ std::string list_of(const std::vector<double>& values) {
 }
 
 /// Returns what the URDF takes up of a solution; `out` gets the reductions and what it cannot hold.
-UrdfChanges urdf_changes(const RigFile& rig_file, const Solution& solution,
-                         const std::vector<Pose>& folded, const ResultOptions& options,
-                         ResultFiles& out) {
+UrdfChanges urdf_changes(const RigFile& rig_file, const Solution& solution, const RobotModel& model,
+                         const ResultOptions& options, ResultFiles& out) {
   const Rig& rig = solution.rig();
+  const std::vector<Pose> folded = fold_offsets(rig.tree, model.origins, model.offsets);
   UrdfChanges changes;
   for (size_t j = 0; j < folded.size(); ++j)
     if (!equal(folded[j], rig_file.rig.tree.joints[j].parent_T_joint))
@@ -248,23 +248,51 @@ Json robot_json(const Rig& rig, const RobotModel& model, const UrdfChanges& chan
 
 }  // namespace
 
-ResultFiles make_results(const RigFile& rig_file, const Report& report,
-                         const ResultOptions& options) {
-  const Solution& solution = report.solution;
-  const Rig& rig = solution.rig();
-  const RobotModel model = robot_model(solution);
-  const std::vector<Pose> folded = fold_offsets(rig.tree, model.origins, model.offsets);
-  ResultFiles out;
+namespace {
 
-  const UrdfChanges changes = urdf_changes(rig_file, solution, folded, options, out);
+/// Makes the URDF of a solution and the rig that goes with it (what is folded into the robot is not
+/// in it), which names it `robot`; `model` is of the solution. Returns what the URDF takes up.
+UrdfChanges make_robot(const RigFile& rig_file, const Solution& solution, const RobotModel& model,
+                       const ResultOptions& options, const char* robot, ResultFiles& out) {
+  UrdfChanges changes = urdf_changes(rig_file, solution, model, options, out);
   if (!rig_file.flange_only) {
     out.robot_urdf = edit_urdf(rig_file.urdf, changes);
     prove_urdf(out.robot_urdf, rig_file.urdf, model.origins, model.offsets);
   }
+  out.rig_yaml =
+      rig_text(rig_file, rig_values(solution, options.write_reduction, out.reductions), robot);
+  return changes;
+}
 
-  // The rig: what is folded into the robot is not in it.
-  out.rig_yaml = rig_text(rig_file, rig_values(solution, options.write_reduction, out.reductions),
-                          "robot.urdf");
+}  // namespace
+
+ResultFiles make_results(const RigFile& rig_file, const Report& report,
+                         const ResultOptions& options) {
+  const Solution& solution = report.solution;
+  const Solution& rigid = report.rigid ? *report.rigid : solution;
+  const RobotModel model = robot_model(rigid);
+  ResultFiles out;
+  RigFile alone = rig_file;
+  if (report.rigid) set_nominal(alone, nominal_values(rigid));
+  const UrdfChanges changes = make_robot(alone, rigid, model, options, "robot.urdf", out);
+  const auto robot = [&](const Solution& of, const RobotModel& its, const UrdfChanges& changed) {
+    Json one = robot_json(rig_file.rig, its, changed, options, out.reductions, bent_joints(of));
+    if (rig_file.flange_only) one["urdf"] = false;
+    return one;
+  };
+  Json robots = {{"robot", robot(rigid, model, changes)}};
+  if (report.rigid) {
+    ResultFiles whole;
+    const RobotModel unbent = robot_model(solution);
+    const UrdfChanges changed =
+        make_robot(rig_file, solution, unbent, options, "robot_unbent.urdf", whole);
+    robots = {{"robot", robot(solution, unbent, changed)},
+              {"rigid_robot", std::move(robots["robot"])}};
+    out.rig_rigid = std::move(out.rig_yaml);
+    out.rig_yaml = std::move(whole.rig_yaml);
+    out.unbent_urdf = std::move(whole.robot_urdf);
+    out.not_in_urdf = std::move(whole.not_in_urdf);
+  }
 
   // Whoever opens a file of a bad result should see it there too. (The URDF stays the input but for
   // its numbers.)
@@ -274,10 +302,9 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
                                      ", see result.json: do not rely on these numbers.\n";
   out.rig_yaml = mark + out.rig_yaml;
 
-  const std::vector<BentJoint> bent = bent_joints(solution);
-  out.mounts = mount_texts(solution);
-  out.changes_yaml =
-      mark + changes_text(rig_file, changes, out.reductions, bent) + mounts_text(out.mounts);
+  out.mounts = mount_texts(rigid);
+  out.changes_yaml = mark + changes_text(rig_file, changes, out.reductions, bent_joints(rigid)) +
+                     mounts_text(out.mounts);
 
   out.rig_hash = sha256(rig_file.text);
   out.samples_hash = options.samples_hash;
@@ -294,8 +321,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   if (!rig_file.time.empty()) json["time"] = rig_file.time;
   Json result = result_json(report);
   for (auto& [key, value] : result.get_ref<Json::object_t&>()) json[key] = std::move(value);
-  json["robot"] = robot_json(rig_file.rig, model, changes, options, out.reductions, bent);
-  if (rig_file.flange_only) json["robot"]["urdf"] = false;
+  for (auto& [key, value] : robots.get_ref<Json::object_t&>()) json[key] = std::move(value);
   json["scene"] = scene_json(report, rig_file.urdf);
   if (options.residuals && !report.loop_views.empty())
     json["loops_csv"] = {{"every", loops_every(report)}};
@@ -326,6 +352,7 @@ bool write_results(const std::string& directory, const ResultFiles& files, bool 
       {"covariance.csv", &files.covariance_csv}, {"information.csv", &files.information_csv},
       {"samples.csv", &files.samples_csv},       {"residuals.csv", &files.residuals_csv},
       {"loops.csv", &files.loops_csv},           {"report.html", &files.report_html},
+      {"robot_unbent.urdf", &files.unbent_urdf}, {"rig_rigid.yaml", &files.rig_rigid},
       {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
   for (const auto& f : all)

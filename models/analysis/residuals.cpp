@@ -352,6 +352,18 @@ Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
   return out;
 }
 
+void add_uncorrected(const Solution& rigid, Residuals& residuals) {
+  const Residuals others = kincal::residuals(linearise(rigid));
+  for (const SensorResult& other : others.sensors)
+    for (SensorResult& sensor : residuals.sensors) {
+      if (sensor.name != other.name) continue;
+      sensor.train.rms_uncorrected = other.train.rms_as_read;
+      sensor.train.rotation_uncorrected = other.train.rotation_as_read;
+      sensor.test.rms_uncorrected = other.test.rms_as_read;
+      sensor.test.rotation_uncorrected = other.test.rotation_as_read;
+    }
+}
+
 Residuals held_out_as_read(const Solution& solution, const VectorXd& shared) {
   const Recording& recording = *solution.recording;
   Judge how;

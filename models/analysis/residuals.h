@@ -12,6 +12,7 @@
 
 #include "../../solver/progress.h"
 #include "../calibration/solution.h"
+#include "../rig/numbers.h"
 
 namespace kincal {
 
@@ -19,9 +20,10 @@ namespace kincal {
 /// (over views, if the sensor measures poses), NaN: none.
 struct SplitStatistics {
   long points = 0;
-  double rms_before, rms, rms_as_read;                 // px or m; poses: translation
-  double rotation_before, rotation, rotation_as_read;  // rad, poses only
-  double whitened_squared = 0;                         // of the rms column
+  double rms_before, rms, rms_as_read;                         // px or m; poses: translation
+  double rotation_before, rotation, rotation_as_read;          // rad, poses only
+  double rms_uncorrected = kNan, rotation_uncorrected = kNan;  // as read, by another solution
+  double whitened_squared = 0;                                 // of the rms column
   long whitened_count = 0;
 };
 
@@ -63,6 +65,10 @@ Residuals residuals(const Linearisation& at);
 /// Cancelled
 Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
                     const Progress& progress = {});
+
+/// Adds what a robot reads that cannot have all of a solution: as read by the solution without that
+/// (`rigid`). @throws Cancelled
+void add_uncorrected(const Solution& rigid, Residuals& residuals);
 
 /// Returns residuals as read alone, of the held-out samples, with these shared values in place of
 /// the solution's.

@@ -50,7 +50,7 @@ std::string held_text(const AutomaticNumber& n) {
 }
 
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options) {
-  const AutomaticGroups groups = groups_of(recording, options);
+  const AutomaticGroups groups = groups_of(recording, options, {});
   return steps_of(recording, groups, start_factors(groups), {});
 }
 
@@ -61,17 +61,17 @@ bool is_kept(const AutomaticCalibration& found, const std::string& name) {
                      [&](const AutomaticGroup& g) { return g.name == name && !g.held; });
 }
 
+bool is_among(const std::vector<std::string>& names, const std::string& name) {
+  return std::count(names.begin(), names.end(), name) > 0;
+}
+
 /// The groups of a model that a fit does not have.
 FurtherModel further_model(const Model& model, const FitWithGroups& fit) {
   FurtherModel out;
   // (With the noise that was found: what a fit lacks is in it.)
-  Rig rig = model.recording->rig;
-  rig.joints = fit.recording->rig.joints;
-  for (size_t j = 0; j < rig.joints.size(); ++j)
-    rig.joints[j].model = model.recording->rig.joints[j].model;
-  rig.sensors = fit.recording->rig.sensors;
-  out.recording = make_recording(fit.recording->with_rig(std::move(rig)));
-  for (WidthGroup& group : groups_of(*out.recording, model.options).groups)
+  out.recording = make_recording(with_models_of(*fit.recording, *model.recording));
+  const AutomaticOptions& options = model.options;
+  for (WidthGroup& group : groups_of(*out.recording, options, options.begin.further).groups)
     if (std::none_of(fit.groups.groups.begin(), fit.groups.groups.end(),
                      [&](const WidthGroup& g) { return g.name == group.name; }))
       out.groups.push_back(std::move(group));
@@ -80,24 +80,24 @@ FurtherModel further_model(const Model& model, const FitWithGroups& fit) {
 
 /// A model with what a trial found, begun where the best fit ended.
 Model grown(Model model, const FurtherTrial& trial, const FitWithGroups& best) {
-  model.further.insert(model.further.end(), trial.groups.begin(), trial.groups.end());
+  Begin& begin = model.options.begin;
+  for (const std::string& name : trial.groups)
+    if (!is_among(begin.further, name)) begin.further.push_back(name);
   for (size_t g = 0; g < best.groups.groups.size(); ++g)
-    model.factor[best.groups.groups[g].name] = best.factor(static_cast<Eigen::Index>(g));
-  for (const auto& [name, factor] : trial.factor) model.factor[name] = factor;
-  model.start = values_in(best, *model.recording);
+    begin.factor[best.groups.groups[g].name] = best.factor(static_cast<Eigen::Index>(g));
+  for (const auto& [name, factor] : trial.factor) begin.factor[name] = factor;
+  begin.start = values_in(best, *model.recording);
   return model;
 }
 
 /// Compliances about the axes, then those across them, then loads.
 void bend_joints(Model& model, Calibrated& best) {
-  const AutomaticOptions asked = model.options;
-  const std::vector<std::string> all = {kCompliance, kComplianceAcross, kLoads},
-                                 tried = best.fit.groups.further;
-  const auto is_among = [](const std::vector<std::string>& names, const std::string& name) {
-    return std::count(names.begin(), names.end(), name) > 0;
-  };
-  for (const std::string& name : all) {
-    if (!is_among(tried, name) || (name == kLoads && model.further.empty())) continue;
+  const std::vector<std::string> tried = best.fit.groups.further;
+  const auto& kept = model.options.begin.further;
+  for (const std::string name : {kCompliance, kComplianceAcross, kLoads}) {
+    if (!is_among(tried, name) || is_among(kept, name) ||
+        (name == kLoads && std::none_of(kept.begin(), kept.end(), is_bending)))
+      continue;
     model.options.progress.stage(name);
     FurtherTrial trial;
     Model next;
@@ -107,10 +107,7 @@ void bend_joints(Model& model, Calibrated& best) {
         continue;  // those about axes turn with nothing
       Model one = model;
       one.recording = with_elasticity(*model.recording, rotor);
-      one.options = asked;
-      for (const std::string& other : all)
-        if (other != name && !is_among(model.further, other))
-          one.options.groups.without.push_back(other);
+      one.options.begin.further.push_back(name);
       FurtherTrial found =
           try_model(best.fit, further_model(one, best.fit), *best.found.solution.recording);
       if (found.groups.empty() || found.gain <= trial.gain) continue;
@@ -121,7 +118,7 @@ void bend_joints(Model& model, Calibrated& best) {
     next = grown(std::move(next), trial, best.fit);
     Calibrated found = calibrate_groups(next);
     if (!found.found.solution.usable() ||
-        !std::all_of(next.further.begin(), next.further.end(),
+        !std::all_of(trial.groups.begin(), trial.groups.end(),
                      [&](const std::string& g) { return is_kept(found.found, g); }))
       continue;
     model = std::move(next);
@@ -133,7 +130,7 @@ void bend_joints(Model& model, Calibrated& best) {
 void add_curves(Model& model, Calibrated& best) {
   std::vector<std::string> names;
   for (const std::string& name : best.fit.groups.further)
-    if (name.compare(0, kCurve.size(), kCurve) == 0) names.push_back(name);
+    if (!is_bending(name)) names.push_back(name);
   const auto curved = [&](const std::vector<std::string>& groups) {
     std::vector<int> joints;
     for (const std::string& name : groups)
@@ -164,13 +161,28 @@ void add_curves(Model& model, Calibrated& best) {
 
 }  // namespace
 
+Begin begin_at(const Solution& solution, const std::vector<AutomaticGroup>& groups) {
+  Begin out;
+  for (const AutomaticGroup& group : groups) {
+    out.factor[group.name] = group.factor;
+    if (is_further(group.name) && !group.held) out.further.push_back(group.name);
+  }
+  out.start = solution.values;
+  return out;
+}
+
 AutomaticCalibration calibrate_automatically(const Recording& given,
                                              const AutomaticOptions& options) try {
-  Model model{without_added(given), options, {}, {}, {}};
+  const bool again = options.begin.start.has_value();
+  Model model{again ? make_recording(given) : without_added(given), options};
   Calibrated best = calibrate_groups(model);
   if (best.found.solution.usable()) {
+    std::shared_ptr<const Solution> rigid;
+    if (model.options.begin.further.empty())
+      rigid = std::make_shared<const Solution>(best.found.solution);
     bend_joints(model, best);
     add_curves(model, best);
+    if (!model.options.begin.further.empty()) best.found.rigid = std::move(rigid);
   }
   return std::move(best.found);
 } catch (const Cancelled&) {

@@ -31,10 +31,14 @@ std::string held_text(const AutomaticNumber& number);
 /// @throws as make_groups().
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options);
 
-/// Calibrates a recording, whose rig's own steps are not looked at. How it ended is the solution's
-/// status. @throws as make_groups() and calibrate().
+/// Calibrates a recording, whose rig's own steps are not looked at. Further models that it has from
+/// a calibration before are tried anew, unless `begin` says which of them are kept. How it ended is
+/// the solution's status. @throws as make_groups() and calibrate().
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options);
+
+/// Returns where a calibration of the solution's recording with other noise begins.
+Begin begin_at(const Solution& solution, const std::vector<AutomaticGroup>& groups);
 
 /// Passes one on that was not cancelled. @throws Cancelled
 inline AutomaticCalibration uncancelled(AutomaticCalibration found) {

@@ -39,7 +39,8 @@ VectorXd moved(const VectorXd& shared, const ParameterTable& table, const Parame
   return out;
 }
 
-/// The fit in the parameters of the further model, with the groups of that behind its own.
+/// The fit in the parameters of the further model; behind its own groups gears, which may be the
+/// reason as well, and the groups of that.
 FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
   const ParameterTable &from = fit.recording->table, &to = model.recording->table;
   const std::vector<int> places = places_of(from, to);
@@ -49,7 +50,9 @@ FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
   if (out.setup.initial.size() > 0) out.setup.initial = moved(fit.setup.initial, from, to, places);
   for (WidthGroup& group : out.groups.groups)
     for (Member& m : group.members) m.component.parameter = places[m.component.parameter];
-  for (Member& m : out.groups.stated) m.component.parameter = places[m.component.parameter];
+  for (std::vector<Member>* members : {&out.groups.stated, &out.groups.gears})
+    for (Member& m : *members) m.component.parameter = places[m.component.parameter];
+  out.groups.groups.push_back({"gears", std::move(out.groups.gears), {}});
   out.groups.groups.insert(out.groups.groups.end(), model.groups.begin(), model.groups.end());
   out.values = values_in(fit, *model.recording);
   out.factor.conservativeResizeLike(
@@ -84,16 +87,16 @@ WidthProblem alone(const WidthProblem& p, const VectorXd& factor, int first_furt
   out.start = p.start(own);
   out.group.assign(own.size(), 0);
   out.groups = 1;
+  out.known = {!p.learns(group)};
   return out;
 }
 
-/// The best widths of a problem of one group, from several starts. (Loads start at their own size:
-/// only their products with compliances count, so wider loads would stand in for compliances.)
-Widths best_widths(const WidthProblem& problem, const std::string& group) {
+/// The best widths of a problem of one group, from several starts.
+Widths best_widths(const WidthProblem& problem) {
   Widths best;
   double most = 0;
   for (const double start : kStarts) {
-    if (group == kLoads && start != 1) continue;
+    if (!problem.learns(0) && start != 1) continue;
     Widths widths = learn_widths(problem, VectorXd::Constant(1, start), kFurtherRounds);
     if (!widths.defined) continue;
     const double u = std::log(widths.factor(0)) / std::log(3.0);
@@ -181,6 +184,16 @@ std::shared_ptr<const Recording> with_elasticity(const Recording& recording, boo
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
+Recording with_models_of(const Recording& recording, const Recording& other) {
+  Rig rig = recording.rig;
+  rig.elasticity = other.rig.elasticity;
+  for (size_t j = 0; j < rig.joints.size(); ++j) {
+    rig.joints[j].model = other.rig.joints[j].model;
+    rig.joints[j].further = other.rig.joints[j].further;
+  }
+  return recording.with_rig(std::move(rig));
+}
+
 std::shared_ptr<const Recording> without_added(const Recording& recording) {
   Rig rig = recording.rig;
   for (JointSettings& joint : rig.joints)
@@ -189,7 +202,7 @@ std::shared_ptr<const Recording> without_added(const Recording& recording) {
       joint.model = linear_joint();
       joint.further.clear();
     }
-  if (rig.elasticity && rig.elasticity->added) {
+  if (rig.elasticity && (rig.elasticity->added || !bends(*rig.elasticity))) {
     const Elasticity nominal = nominal_elasticity(rig);
     rig.elasticity->added = false;
     if (rig.elasticity->gravity == nominal.gravity && rig.elasticity->load == nominal.load)
@@ -204,12 +217,15 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   const FitWithGroups with = moved(fit, model);
   const DataProblem data = data_problem(*with.recording, with.setup, with.values, with.groups);
   const WidthProblem at = width_problem(*with.recording, data, with.groups).problem;
-  const auto first = static_cast<int>(fit.groups.groups.size());
+  const auto gears = static_cast<int>(fit.groups.groups.size()), first = gears + 1;
   VectorXd factor = with.factor;
+  if (!with.groups.groups[gears].members.empty())
+    if (const Widths learned = best_widths(alone(at, factor, gears, gears)); learned.defined)
+      factor(gears) = learned.factor(0);
   std::vector<std::pair<double, int>> gaining;
   for (int group = first; group < factor.size(); ++group) {
     const WidthProblem one = alone(at, factor, first, group);
-    const Widths learned = best_widths(one, with.groups.groups[group].name);
+    const Widths learned = best_widths(one);
     if (!learned.defined) continue;
     factor(group) = learned.factor(0);
     const double gain = evidence_gain(one, learned, 0);

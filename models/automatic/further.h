@@ -10,12 +10,15 @@
 // They stand in for each other (a bent arm's error goes with the angles as well), so the order
 // matters: what has a physical reason goes first.
 //
-// A trial. At the fit so far, whose noise has in it what it lacks, the groups of the further model
-// are freed in the data's quadratic model, each alone with a learned width (from its start and from
-// ten times that: the evidence has local maxima; widths.h). One that gains evidence is added, the
-// largest gain first, if samples that the fit lacks (rig/folds.h) fit better with it: evidence
-// alone takes it for what goes with these postures only. With those everything is calibrated again,
-// noise and all, and those that lose their evidence on the way are left away.
+// A trial. At the fit so far, with noise that has in it what the fit lacks (where the data show
+// more than the rig states, that: outliers or a joint that was homed anew are no curve), the groups
+// of the further model are freed in the data's quadratic model, each alone with a learned width
+// (from its start and from ten times that: the evidence has local maxima; widths.h), beside gears,
+// which are the simpler reason for an error that grows with the angle and stay to be told. One that
+// gains evidence is added, the largest gain first, if samples that the fit lacks (rig/folds.h) fit
+// better with it: evidence alone takes it for what goes with these postures only. With those
+// everything is calibrated again, noise and all, and those that lose their evidence on the way are
+// left away.
 #pragma once
 
 #include <map>
@@ -29,7 +32,7 @@ namespace kincal {
 
 /// A FitWithGroups is what further models are tried on.
 struct FitWithGroups {
-  std::shared_ptr<const Recording> recording;  // with the noise that was found
+  std::shared_ptr<const Recording> recording;  // with the noise that was found, or is seen
   EstimationSetup setup;
   Values values;
   AutomaticGroups groups;
@@ -49,6 +52,9 @@ std::shared_ptr<const Recording> without_added(const Recording& recording);
 /// Returns the recording with an elasticity, compliances of zero; gravity and loads of the rig's
 /// own, where it has one.
 std::shared_ptr<const Recording> with_elasticity(const Recording& recording, bool rotor);
+
+/// Returns a recording with the further models of another, whose rig is the same otherwise.
+Recording with_models_of(const Recording& recording, const Recording& other);
 
 /// Returns the values of a fit in a recording with more parameters.
 Values values_in(const FitWithGroups& fit, const Recording& recording);

@@ -65,7 +65,8 @@ std::vector<std::string> held_out_poses(const Recording& recording) {
 
 }  // namespace
 
-AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& options) {
+AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& options,
+                          const std::vector<std::string>& further) {
   AutomaticGroups out = make_groups(recording, options.groups);
   std::vector<Freed> fixed;
   for (size_t i = 0; i < options.fix.size(); ++i)
@@ -77,14 +78,24 @@ AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& op
                   members.end());
   };
   drop(out.stated);
+  const bool added = recording.rig.elasticity && recording.rig.elasticity->added;
   for (WidthGroup& g : out.groups) {
     drop(g.members);
     drop(g.unseen);
+    if (!added || !is_bending(g.name) || std::count(further.begin(), further.end(), g.name))
+      continue;
+    out.further.push_back(g.name);
+    g = WidthGroup();
   }
   out.groups.erase(
       std::remove_if(out.groups.begin(), out.groups.end(),
                      [](const WidthGroup& g) { return g.members.empty() && g.unseen.empty(); }),
       out.groups.end());
+  // Only products of loads and compliances count: with both, the widths of compliances are those
+  // that they had without.
+  if (std::any_of(out.groups.begin(), out.groups.end(),
+                  [](const WidthGroup& g) { return g.name == kLoads; }))
+    for (WidthGroup& g : out.groups) g.width_known = g.width_known || is_bending(g.name);
   return out;
 }
 
@@ -180,6 +191,7 @@ struct Learned {
   std::vector<OtherModel> other_models;
   EstimationSetup setup;                       // of the last fit
   std::shared_ptr<const Recording> recording;  // with the noise that was found
+  std::shared_ptr<const Recording> seen;       // and where more is seen than stated, that
 };
 
 /// What the gears that were not asked for say at a fit without them: the gain of their group, and
@@ -233,6 +245,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   fit_options.solver.relative_decrease = 1e-7;
   fit_options.solver.progress = options.progress.in("widths");
   bool settled = false;
+  FixedPoint steps = noise_steps();
   for (int pass = 0;; ++pass) {
     const Recording& recording = *out.recording;
     options.progress.stage("widths, round " + std::to_string(pass + 1));
@@ -258,10 +271,11 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     settled = settled || change < kSettled || pass + 1 == kLinearisations;
     if (!settled) continue;  // (what is far off would be taken for noise)
     std::shared_ptr<const Recording> next = out.recording;
-    const double moved = move_noise(*data.problem, data.state, out.problem, factor, next);
+    const double moved = move_noise(data, out.problem, factor, steps, next);
     if (moved < kNoiseAtRest || pass + 1 >= kNoiseRounds) {
       judge_scales(recording, done, groups, out);
       out.setup = done.problem->setup();
+      out.seen = with_seen_noise(data, out.problem, factor, out.recording);
       return out;
     }
     out.recording = std::move(next);
@@ -410,7 +424,8 @@ Calibrated calibrate_groups(const Model& model) {
   const AutomaticOptions& options = model.options;
   std::shared_ptr<const Recording> now = with_guessed_noise(*model.recording, options.noise);
   const Recording& recording = *now;
-  AutomaticGroups groups = groups_of(recording, options);
+  const Begin& begin = options.begin;
+  AutomaticGroups groups = groups_of(recording, options, begin.further);
   if (steps_of(recording, groups, start_factors(groups), {}).empty())
     throw std::invalid_argument(
         nothing_free(recording, !options.fix.empty() || !options.groups.without.empty(), false));
@@ -435,10 +450,10 @@ Calibrated calibrate_groups(const Model& model) {
   if (plan.name != kEverything || solution.status == Status::undefined_start) return {out, {}};
   VectorXd factor = ones;
   for (size_t g = 0; g < groups.groups.size(); ++g)
-    if (const auto found = model.factor.find(groups.groups[g].name); found != model.factor.end())
+    if (const auto found = begin.factor.find(groups.groups[g].name); found != begin.factor.end())
       factor(static_cast<Eigen::Index>(g)) = found->second;
   const Learned learned = learn(recording, plan, groups, factor, options,
-                                {model.start.value_or(solution.values), solution.initial});
+                                {begin.start.value_or(solution.values), solution.initial});
   if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
     solution = uncancelled(calibrate(at_start(), run));  // says what is wrong
     return {out, {}};
@@ -484,8 +499,10 @@ Calibrated calibrate_groups(const Model& model) {
   out.groups = told(groups, learned, selection, solution);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
+  const bool larger = solution.chi2_per_dof() > 1;  // residuals than stated
   return {std::move(out),
-          {learned.recording, learned.setup, learned.values, groups, learned.widths.factor}};
+          {larger ? learned.seen : learned.recording, learned.setup, learned.values, groups,
+           learned.widths.factor}};
 }
 
 }  // namespace kincal

@@ -1,9 +1,7 @@
 // One calibration of the automatic path, with a set of groups: 1 to 3 of automatic.h.
 #pragma once
 
-#include <map>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,8 +10,10 @@
 
 namespace kincal {
 
-/// Returns the groups of a recording, without what `fix` names.
-AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& options);
+/// Returns the groups of a recording, without what `fix` names; of an elasticity that nobody stated
+/// those in `further`.
+AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& options,
+                          const std::vector<std::string>& further);
 /// Returns steps with the groups at these factors, without what is held.
 std::vector<Step> steps_of(const Recording& recording, const AutomaticGroups& groups,
                            const VectorXd& factor, const std::vector<Component>& held);
@@ -25,13 +25,10 @@ struct Calibrated {
   FitWithGroups fit;
 };
 
-/// What is calibrated: a recording, with which groups, and where that begins.
+/// What is calibrated: a recording with further models, and where that begins (`options.begin`).
 struct Model {
   std::shared_ptr<const Recording> recording;
   AutomaticOptions options;
-  std::vector<std::string> further;      // groups of further models in it
-  std::map<std::string, double> factor;  // of groups' widths; else 1
-  std::optional<Values> start;           // of the fit of everything; else the mounts alone
 };
 
 Calibrated calibrate_groups(const Model& model);

@@ -368,14 +368,18 @@ void GroupMaker::make_targets_and_sensors() {
 }
 
 /// Starting widths. Of compliances: the joint with the largest moments bends by 1 mrad about its
-/// axis and 0.3 mrad across it, as drives and bearings of measured arms do. Of loads: their own
-/// size, which rods miss by about as much, or a tenth of the largest where that is near 0.
+/// axis and 0.3 mrad across it, as drives and bearings of measured arms do; joints with less than a
+/// hundredth of its moments bend by nothing to speak of, and are left as they are. Of loads: their
+/// own size, which rods miss by about as much, or a tenth of the largest where that is near 0. That
+/// is not learned: only products of loads and compliances count, so wider loads would stand in for
+/// compliances.
 void GroupMaker::make_bending() {
   constexpr double kAbout = 1e-3, kAcross = 3e-4;  // rad
   constexpr double kLeast = 0.1;                   // of the largest load
+  constexpr double kAnyMoment = 0.01;              // of the largest
   const std::string names[] = {kCompliance, kComplianceAcross, kLoads};
   if (!rig_.elasticity && !can_bend(rig_)) return;
-  for (const std::string& name : names) out_.groups.push_back({name, {}, {}});
+  for (const std::string& name : names) out_.groups.push_back({name, {}, {}, name == kLoads});
   if (!rig_.elasticity || !(rig_.elasticity->added || bends(*rig_.elasticity))) return;
   const Elasticity& elasticity = *rig_.elasticity;
   const Skeleton& skeleton = *elasticity.skeleton;
@@ -391,13 +395,14 @@ void GroupMaker::make_bending() {
       squares(1, i) += torque.tail<2>().squaredNorm() / 2;
     }
   }
-  const Eigen::Vector2d rms = (squares.rowwise().maxCoeff() / seen).cwiseSqrt();
+  const Eigen::Vector2d largest = squares.rowwise().maxCoeff(), rms = (largest / seen).cwiseSqrt();
   double heaviest = 0;
   for (const Vector3d& load : elasticity.load) heaviest = std::max(heaviest, load.norm());
   for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
-    const int compliance = table_.compliance[j], load = table_.load[j];
+    const int compliance = table_.compliance[j], load = table_.load[j], i = skeleton.index[j];
     for (int c = 0; c < 3; ++c) {
-      if (compliance >= 0 && rms(c > 0) > 0 && used_[compliance])
+      if (compliance >= 0 && used_[compliance] &&
+          squares(c > 0, i) > kAnyMoment * kAnyMoment * largest(c > 0))
         add(names[c > 0], compliance, c, (c == 0 ? kAbout : kAcross) / rms(c > 0));
       if (load >= 0 && heaviest > 0 && used_[load])
         add(names[2], load, c, std::max(elasticity.load[j].norm(), kLeast * heaviest));
@@ -494,7 +499,7 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
     WidthGroup& group = out.groups[g];
     if (without[g]) continue;
     if (group.members.empty() && group.unseen.empty()) {  // not there yet
-      if (with[g]) out.further.push_back(group.name);
+      out.further.push_back(group.name);
     } else if (with[g] || group.name != "gears") {
       kept.push_back(std::move(group));
     } else {

@@ -21,7 +21,7 @@
 //   shapes                     of joint models
 //   compliance, compliance across, loads, curve/NAME
 //                              of joints that bend, and of one that turns: its error over its
-//                              angle; tried behind all others (further.h), only when asked for
+//                              angle; tried behind all others (further.h)
 //   gears                      scales of all others; only when asked for
 //
 // A run is an unbranched row of joints. Of their origins all numbers are members but what moves
@@ -51,6 +51,7 @@ struct WidthGroup {
   std::string name;
   std::vector<Member> members;  // some measurement depends on each
   std::vector<Member> unseen;   // none does
+  bool width_known = false;     // it is not learned
 };
 
 struct AutomaticGroups {
@@ -79,9 +80,11 @@ inline const char* const kCompliance = "compliance";
 inline const char* const kComplianceAcross = "compliance across";
 inline const char* const kLoads = "loads";
 inline const std::string kCurve = "curve/";
+inline bool is_bending(const std::string& group) {
+  return group == kCompliance || group == kComplianceAcross || group == kLoads;
+}
 inline bool is_further(const std::string& group) {
-  return group == kCompliance || group == kComplianceAcross || group == kLoads ||
-         group.compare(0, kCurve.size(), kCurve) == 0;
+  return is_bending(group) || group.compare(0, kCurve.size(), kCurve) == 0;
 }
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.

@@ -32,9 +32,14 @@ std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, 
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
-double move_noise(Estimation& data, const VectorXd& state, const WidthProblem& problem,
-                  const VectorXd& factor, std::shared_ptr<const Recording>& recording) {
-  constexpr double kLargest = 5;  // times, in a round
+FixedPoint noise_steps() {
+  constexpr int kMemory = 3;
+  const double largest = std::log(5.0);  // times, in a round
+  return FixedPoint(kMemory, largest);
+}
+
+double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
+                  FixedPoint& steps, std::shared_ptr<const Recording>& recording) {
   const std::vector<JointSettings>& joints = recording->rig.joints;
   const std::vector<Sensor>& sensors = recording->rig.sensors;
   if (std::all_of(joints.begin(), joints.end(),
@@ -44,20 +49,38 @@ double move_noise(Estimation& data, const VectorXd& state, const WidthProblem& p
     return 0;
   const Posterior known = posterior(problem, factor, true);
   if (!known.defined) return 0;
-  std::vector<NoiseLevel> levels = noise_levels(data, recording->rig, state, known.covariance);
-  double moved = 0;
-  for (NoiseLevel& level : levels) {
-    if (level.guess == 0) {
-      level.seen = kNan;
-      continue;
-    }
-    const double change =
-        std::clamp(std::log(level.seen / level.assumed), -std::log(kLargest), std::log(kLargest));
-    moved = std::max(moved, std::abs(change));
-    level.seen = level.assumed * std::exp(change);
+  std::vector<NoiseLevel> levels =
+      noise_levels(*data.problem, recording->rig, data.state, known.covariance);
+  const auto count = static_cast<Eigen::Index>(levels.size());
+  VectorXd now = VectorXd::Zero(count), seen = now;  // logarithms
+  for (Eigen::Index i = 0; i < count; ++i) {
+    if (levels[i].guess == 0 || !std::isfinite(levels[i].seen)) continue;
+    now(i) = std::log(levels[i].assumed);
+    seen(i) = std::log(levels[i].seen);
   }
-  if (moved > 0) recording = make_recording(scale_noise(*recording, levels));
+  const double moved = count ? (seen - now).cwiseAbs().maxCoeff() : 0;
+  if (moved == 0) return 0;
+  const VectorXd next = steps.next(now, seen);
+  for (Eigen::Index i = 0; i < count; ++i)
+    levels[i].seen = levels[i].guess == 0 ? kNan : levels[i].assumed * std::exp(next(i) - now(i));
+  recording = make_recording(scale_noise(*recording, levels));
   return moved;
+}
+
+std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,
+                                                 const WidthProblem& problem,
+                                                 const VectorXd& factor,
+                                                 std::shared_ptr<const Recording> recording) {
+  const Posterior known = posterior(problem, factor, true);
+  if (!known.defined) return recording;
+  std::vector<NoiseLevel> levels =
+      noise_levels(*data.problem, recording->rig, data.state, known.covariance);
+  bool larger = false;
+  for (NoiseLevel& level : levels) {
+    if (level.guess > 0 || !(level.seen > level.assumed)) level.seen = kNan;
+    larger = larger || level.seen > level.assumed;
+  }
+  return larger ? make_recording(scale_noise(*recording, levels)) : recording;
 }
 
 }  // namespace kincal

@@ -1,11 +1,12 @@
 // Noise that nobody states, on the automatic path: estimated along with the widths, a step at each
-// linearisation (analysis/noise_levels.h).
+// linearisation (analysis/noise_levels.h). Levels that hide behind each other move slowly: the
+// steps are accelerated (solver/fixed_point.h).
 #pragma once
 
 #include <memory>
 
-#include "../estimation/estimation.h"
-#include "widths.h"
+#include "../../solver/fixed_point.h"
+#include "width_problem.h"
 
 namespace kincal {
 
@@ -13,9 +14,18 @@ namespace kincal {
 /// guessed where nobody states that, or where they are stated exact, which no reading is.
 std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, NoiseMode mode);
 
-/// Moves noise that nobody states towards what the data show of it, at a fit of `data` (prepared at
-/// `state`) with these widths; returns the largest change, of a logarithm. 0: all of it is stated.
-double move_noise(Estimation& data, const VectorXd& state, const WidthProblem& problem,
-                  const VectorXd& factor, std::shared_ptr<const Recording>& recording);
+/// Returns what a calibration accelerates its steps of the noise with.
+FixedPoint noise_steps();
+
+/// Moves noise that nobody states towards what the data show of it, at a fit with these widths;
+/// returns by how much the data move it at most, of a logarithm. 0: all of it is stated.
+double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
+                  FixedPoint& steps, std::shared_ptr<const Recording>& recording);
+
+/// Returns the recording with stated noise as the data show it at a fit, where that is more.
+std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,
+                                                 const WidthProblem& problem,
+                                                 const VectorXd& factor,
+                                                 std::shared_ptr<const Recording> recording);
 
 }  // namespace kincal

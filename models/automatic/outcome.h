@@ -1,6 +1,9 @@
 // What the automatic path (automatic.h) found, and what it is asked for.
 #pragma once
 
+#include <map>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -38,10 +41,20 @@ struct AutomaticCalibration {
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::vector<OtherModel> other_models;
+  std::shared_ptr<const Solution> rigid;  // the same without further models (further.h), where some
+                                          // were kept that `begin` did not have
+};
+
+/// Where a calibration begins that was made before with other noise.
+struct Begin {
+  std::vector<std::string> further;      // groups of further models that were kept (further.h)
+  std::map<std::string, double> factor;  // of groups' widths; else 1
+  std::optional<Values> start;           // of the fit of everything; else the mounts alone
 };
 
 struct AutomaticOptions : CalibrationOptions {
   GroupChoice groups;
+  Begin begin;
 };
 
 }  // namespace kincal

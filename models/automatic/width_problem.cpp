@@ -72,7 +72,9 @@ FitWidths width_problem(const Recording& recording, const DataProblem& at,
                    VectorXd::Zero(n),
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
-                   static_cast<int>(groups.groups.size())};
+                   static_cast<int>(groups.groups.size()),
+                   {}};
+  for (const WidthGroup& group : groups.groups) out.known.push_back(group.width_known);
   const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);

@@ -106,6 +106,7 @@ WidthProblem without_open(const WidthProblem& p) {
   out.start = block(p.start, kept);
   for (const int i : kept) out.group.push_back(p.group[i]);
   out.groups = p.groups;
+  out.known = p.known;
   return out;
 }
 
@@ -150,6 +151,7 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
     }
     double largest = 0;
     for (int k = 0; k < p.groups; ++k) {
+      if (!p.learns(k)) continue;
       const double u = std::log(factor(k)), h = 1 / (kSpread * kSpread);
       const double slope = squares(k) - out.gamma(k) - u * h;
       const double step = std::clamp(slope / (2 * std::max(squares(k), out.gamma(k)) + h),
@@ -205,6 +207,8 @@ double bounding_variance(const VectorXd& variance, const VectorXd& weight) {
 OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group) {
   OtherWidths out;
   const MatrixXd& c = widths.posterior.covariance;
+  out.second_moment = MatrixXd::Zero(c.rows(), c.cols());
+  if (!p.learns(group)) return out;
   const std::vector<int> members = members_of(p, group);
   std::vector<int> all(p.group.size());
   for (size_t i = 0; i < all.size(); ++i) all[i] = static_cast<int>(i);
@@ -299,7 +303,7 @@ Selection hold(const WidthProblem& p, const Widths& widths) {
     for (int k = 0; k < p.groups; ++k) {
       if (out.whole[k]) continue;
       out.gain(k) = gain_of(members_of(p, k), value, c, prior);
-      if (least < 0 || out.gain(k) < out.gain(least)) least = k;
+      if (p.learns(k) && (least < 0 || out.gain(k) < out.gain(least))) least = k;
     }
     if (least < 0 || !(out.gain(least) < kEvidence)) break;
     out.whole[least] = 1;

@@ -67,6 +67,9 @@ struct WidthProblem {
   VectorXd start;          // s_i; 0: no prior
   std::vector<int> group;  // by unknown; -1: none, or a prior of its own that stays
   int groups = 0;
+  std::vector<char> known = {};  // by group: its factor stays; beyond the end: it is learned
+
+  bool learns(int k) const { return k >= static_cast<int>(known.size()) || !known[k]; }
 };
 
 struct Posterior {
@@ -106,8 +109,9 @@ struct Selection {
                             // width squared
   MatrixXd second_moment;   // of the errors of all unknowns
 };
-/// Holds groups whose gain is below 3, the smallest first and the rest judged anew, and of the
-/// others numbers of which the data tell less than a tenth (1 - C_ii / t_i^2).
+/// Holds groups whose gain is below 3, the smallest first and the rest judged anew (but for those
+/// whose width is known), and of the others numbers of which the data tell less than a tenth (1 -
+/// C_ii / t_i^2).
 Selection hold(const WidthProblem& problem, const Widths& widths);
 
 }  // namespace kincal

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "../analysis/deflections.h"
 #include "../analysis/leverage.h"
 #include "../analysis/loops.h"
 #include "../analysis/misfits.h"
@@ -71,11 +72,13 @@ struct Report {
       outliers;  // after a plain fit that ended badly: what a robust one would take out
   std::optional<Restarts> restarts;
   std::vector<AutomaticGroup> automatic;  // of a rig without steps
+  std::shared_ptr<const Solution> rigid;  // the same without further models; null: none was kept
   VectorXd mounts;                        // of these, shared values with the mounts alone estimated
   std::vector<OtherModel> other_models;   // of the data of such a rig, with their odds
   std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
   std::vector<Gauge> gauges;              // of mounts, that the automatic path fixed
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
+  std::vector<Deflection> deflections;    // where joints bend
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)
   std::vector<LoopView> loop_views;              // what these are the root mean squares of

@@ -9,6 +9,7 @@
 #include "../../kinematics/floating.h"
 #include "../analysis/data_equations.h"
 #include "../analysis/linearisation.h"
+#include "../automatic/further.h"
 #include "../doctor/plausibility.h"
 #include "../doctor/target_mistakes.h"
 #include "../estimation/estimation.h"
@@ -90,8 +91,7 @@ bool takes_up_a_mistake(const Report& report) {
   return !mistaken_numbers(report).empty() ||
          !told_models(report.other_models, NoticeKind::gears).empty() ||
          is_a_sensor_turned(report.solution) ||
-         std::any_of(report.automatic.begin(), report.automatic.end(),
-                     [](const AutomaticGroup& g) { return !g.held && g.factor > kUnusualWidth; });
+         std::any_of(report.automatic.begin(), report.automatic.end(), is_unusual);
 }
 
 /// The rig as it was found, but for parameters that somebody was mistaken about: these as given.
@@ -213,6 +213,8 @@ void take(AutomaticCalibration found, Report& report) {
   report.unchecked = std::move(found.unchecked);
   report.gauges = std::move(found.gauges);
   report.mounts = std::move(found.mounts);
+  if (found.rigid) report.rigid = std::move(found.rigid);
+  if (begin_at(report.solution, report.automatic).further.empty()) report.rigid.reset();
 }
 
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
@@ -220,8 +222,10 @@ bool calibrate_with(const Recording& stated, std::vector<NoiseLevel> levels,
                     const StudyOptions& options, Report& report) {
   std::vector<NoiseLevel> used = levels;
   for (NoiseLevel& level : used) level.seen = level.used;
-  AutomaticCalibration found =
-      uncancelled(calibrate_automatically(scale_noise(stated, used), automatic_options(options)));
+  AutomaticOptions automatic = automatic_options(options);
+  automatic.begin = begin_at(report.solution, report.automatic);
+  AutomaticCalibration found = uncancelled(calibrate_automatically(
+      with_models_of(scale_noise(stated, used), *report.solution.recording), automatic));
   if (!found.solution.usable()) return false;
   take(std::move(found), report);
   report.noise_levels = std::move(levels);
@@ -299,7 +303,7 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
             text("the data speak too little for their being off (log evidence %.1f, 3 is needed). ",
                  g.gain) +
             "To estimate them all the same, free each by name (`free`), as " + g.numbers[0].name);
-      } else if (!g.held && g.name != "gears" && !is_further(g.name)) {
+      } else if (!g.held && g.name != "gears") {
         report.solution.without_effect.push_back(
             "`group` " + quoted(g.name) +
             " changes nothing: it is among those tried anyway, and was "
@@ -370,10 +374,11 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     }
     report.no_consensus.clear();  // it was about the calibration before
     solved = true;
-    if (automatic && report.solution.usable())  // what may be wrong is to be learned with these
-      take(uncancelled(
-               calibrate_automatically(*report.solution.recording, automatic_options(options))),
-           report);
+    if (automatic && report.solution.usable()) {  // what may be wrong is to be learned with these
+      AutomaticOptions again = automatic_options(options);
+      again.begin = begin_at(report.solution, report.automatic);
+      take(uncancelled(calibrate_automatically(*report.solution.recording, again)), report);
+    }
   }
   if (!solved) report.solution = uncancelled(calibrate(left, calibration));
   return automatic ? make_recording(recording->with_rig(report.solution.rig())) : recording;
@@ -466,6 +471,8 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
     for (const NoiseLevel& now : levels)
       if (level.guess > 0 && now.of == level.of && now.part == level.part) level = now;
   report.residuals = residuals(at, std::move(views), progress.between(0.4, 1));
+  if (report.rigid) add_uncorrected(*report.rigid, report.residuals);
+  report.deflections = deflections(report.solution);
   progress.share(1);
   report.misfits = misfits(report.solution, report.residuals);
   report.trends = trends(report.solution);

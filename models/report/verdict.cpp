@@ -228,15 +228,19 @@ Verdict no_because(const Notice& cause, const Notice& fault) {
   return out;
 }
 
-/// How far the parameters of groups came out from the rig's, most unusual first; "": nothing.
+/// How far the parameters of groups came out from the rig's, most unusual first, then those of
+/// which nothing is usual; "": nothing.
 std::string widths_words(std::vector<AutomaticGroup> groups) {
   std::stable_sort(groups.begin(), groups.end(),
-                   [](const auto& a, const auto& b) { return a.factor > b.factor; });
+                   [](const AutomaticGroup& a, const AutomaticGroup& b) {
+                     return std::make_pair(is_bending(b.name), a.factor) >
+                            std::make_pair(is_bending(a.name), b.factor);
+                   });
   std::vector<std::string> words;
   for (const AutomaticGroup& g : groups)
     if (!g.held && !g.numbers.empty())
       words.push_back(g.name + " " + shown_text(g.numbers[0].width, g.numbers[0].unit) +
-                      text(" (%.2g times as much as usual)", g.factor));
+                      (is_bending(g.name) ? "" : text(" (%.2g times as much as usual)", g.factor)));
   return words.empty() ? "" : "parameters are off from the rig's by about: " + listed(words);
 }
 

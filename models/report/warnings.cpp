@@ -335,12 +335,48 @@ double largest_bend(const Solution& solution, int joint) {
   return largest;
 }
 
+/// How much joints bend, and where what goes with the load is no elasticity; "": they do not.
+std::string bending_words(const Report& report) {
+  const Solution& solution = report.solution;
+  const auto most = std::max_element(
+      report.deflections.begin(), report.deflections.end(),
+      [](const Deflection& a, const Deflection& b) { return a.largest < b.largest; });
+  if (most == report.deflections.end()) return "";
+  std::string out = most->frame + text(" sags by %.2g mm on average, ", 1e3 * most->mean) +
+                    text("by %.2g mm at most (sample '", 1e3 * most->largest) +
+                    solution.samples()[most->largest_in].id + "')";
+  std::vector<std::string> names;
+  for (const int j : bent_against_load(solution))
+    names.push_back(quoted(solution.rig().tree.joints[j].name));
+  if (!names.empty())
+    out += "; joint " + listed(names, kShown) +
+           " turns against the load: that goes with the load, but is no elasticity (servos that "
+           "compensate, springs)";
+  return out;
+}
+
 /// A URDF takes up offsets, and scales on demand; who reads no more than it loses the rest of a
 /// joint model.
-void warn_of_joint_models(const Solution& solution, Notices& out) {
+void warn_of_joint_models(const Report& report, Notices& out) {
+  const Solution& solution = report.solution;
   const Rig& rig = solution.rig();
   const ParameterTable& table = solution.table();
   std::vector<WarningItem> bent;
+  if (report.rigid) {
+    for (const SensorResult& s : report.residuals.sensors) {
+      const SplitStatistics& errors = s.test.points > 0 ? s.test : s.train;
+      bent.push_back({Subject::sensor(s.name),
+                      "joints bend or have error curves, which no URDF can hold: with robot.urdf "
+                      "alone sensor '" +
+                          s.name + "' errs by " + shown_text(errors.rms_uncorrected, s.unit) +
+                          ", with rig.yaml, which has them, by " +
+                          shown_text(errors.rms_as_read, s.unit),
+                      errors.rms_uncorrected / errors.rms_as_read});
+    }
+    out.push_back(notice_of(NoticeKind::joint_model, "sensors err more where joints cannot bend",
+                            std::move(bent), bending_words(report), ""));
+    return;
+  }
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     if (table.joint_offset[j] < 0 || rig.joints[j].model->size() <= 2) continue;
     const double largest = largest_bend(solution, static_cast<int>(j));
@@ -412,7 +448,7 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Notices& out) {
 void warn_of_widths(const Report& report, Notices& out) {
   std::vector<WarningItem> wide;
   for (const AutomaticGroup& group : report.automatic)
-    if (group.factor > kUnusualWidth && !group.held)
+    if (is_unusual(group))
       wide.push_back({{Subject::Kind::group, group.name},
                       "parameters of group '" + group.name +
                           text("' are off by %.0f times as much as usual", group.factor),
@@ -500,7 +536,7 @@ Notices warnings(const Report& report) {
   warn_of_scales(report, out);
   warn_of_parameters(report, out);
   warn_of_gauges(report, out);
-  warn_of_joint_models(report.solution, out);
+  warn_of_joint_models(report, out);
   if (report.outliers.empty()) {
     warn_of_misfits(NoticeKind::outlier_sample, Subject::Kind::sample, report.misfits.samples, out);
     warn_of_misfits(NoticeKind::outlier_view, Subject::Kind::view, report.misfits.views, out);

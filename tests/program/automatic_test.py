@@ -47,6 +47,13 @@ class Program(helpers.Folder):
         self.assertIn("nominal:", self.read("out", "rig.yaml"))
         self.kincal("calibrate", "out/rig.yaml", os.path.join(DATA, *samples), "--out", "again", "--force", "--quiet")
         second = json.loads(self.read("again", "result.json"))
+        if any(g["group"].split("/")[0] in ("compliance", "compliance across", "loads", "curve") and not g["held"] for g in first["automatic"]):
+            # Further models are tried with the noise so far, and where it is known from the start others of them may be kept, which stand in for each other.
+            for name, sensor in second["sensors"].items():
+                before = first["sensors"][name]["test"]
+                self.assertLess(sensor["test"]["rms_as_read"], 1.3 * before["rms_as_read"], name)
+                self.assertAlmostEqual(sensor["test"]["rms_uncorrected"], before["rms_uncorrected"], delta=0.05 * before["rms_uncorrected"])
+            return
         self.assertEqual(list(first["parameters"]), list(second["parameters"]))
         for name, p in first["parameters"].items():
             q = second["parameters"][name]

@@ -1,7 +1,7 @@
 """Error curves of joints through the program: python3 curves_test.py SOURCE_DIR KINCAL [TEST ...]
 
 An arm of four joints and a tracker that sees the pose of its hand, simulated: the encoder of one joint has an error of 0.5 mrad with 9 cycles a turn, which stands in
-the true robot's rig as `model: curve`. Proves: with `--group 'curve/*'` the automatic path finds the curve of that joint and of no other, and its held-out errors are what the
+the true robot's rig as `model: curve`. Proves: the automatic path finds the curve of that joint and of no other, and its held-out errors are what the
 sensor's noise allows, several times less than without; the estimated curve is the true one at the angles that were visited, and not estimated, as uncertain as its width, where no reading was; the
 written rig gives the same errors in `evaluate`; a robot without such errors gets no curve, and that is said. Not proved: curves of real encoders (docs/results.md has those of a UR10), and how
 often a curve is found that is not there (docs/results.md).
@@ -65,8 +65,8 @@ class Curves(Folder):
     def test_found(self):
         values = [true_curve(2 * math.pi * k / VALUES) for k in range(VALUES)]
         samples = self.recorded(", c: {model: curve, curve: [%s]}" % ", ".join("%.9g" % v for v in values))
-        with_curves, _ = self.calibrated("with", "--group", "curve/*")
-        without, _ = self.calibrated("without")
+        with_curves, _ = self.calibrated("with")
+        without, _ = self.calibrated("without", "--no-group", "curve/*")
         curves = [name for name in with_curves["parameters"] if name.endswith("/curve")]
         self.assertEqual(curves, ["joint/c/curve"])
         self.assertLess(self.held_out(with_curves), 0.4 * self.held_out(without))

@@ -375,7 +375,7 @@ class Words(Case):
         self.assertEqual([g["held"] for g in result["automatic"] if g["group"] == "centres"], [False])
 
     def test_errors_that_go_with_the_posture(self):
-        """A joint that sags is no noise, however large its noise is stated; noise has no such warning."""
+        """A joint that sags is no noise, however large its noise is stated: it bends, which is found; told not to look for that, its errors are said to go with the posture. Noise has no such warning."""
         self.write("open.yaml", CAMERA.replace("0.0002", "0.0005"))
         true = CAMERA
         for old, new in CAMERA_POSES:
@@ -388,6 +388,10 @@ class Words(Case):
         for rig in (CAMERA, CAMERA.replace("0.0002", "0.0005")):
             self.write("open.yaml", rig)
             result, _ = self.calibrate(clean, rig="open.yaml")
+            self.assertEqual(self.warnings(result, "systematic"), [])
+            self.assertEqual(result["verdict"]["use"], "good")
+            self.assertIn("compliance", [g["group"] for g in result["automatic"] if not g["held"]])
+            result, _ = self.calibrate(clean, "--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", rig="open.yaml")
             found, = self.warnings(result, "systematic")
             self.assertRegex(found, r"the errors of the readings of joint 'j2' go with where it stands \(0\.\d+ mrad, up to \d+ % of their scatter\)")
             self.assertEqual(result["verdict"]["use"], "doubts")

@@ -456,3 +456,32 @@ TEST_CASE("widths: errors are covered whatever a group's true width is") {
   INFO(beyond_in_all << " of " << draws);
   CHECK(beyond_in_all <= 0.01 * draws);
 }
+
+TEST_CASE("widths: one that is known stays as it is, and its group is not judged") {
+  WidthProblem problem = mixed(5, true, {1, 0.01}).problem;
+  const Widths learned = learn_widths(problem, vector({1, 0.5}), 60);
+  REQUIRE(learned.defined);
+  CHECK(learned.factor(1) < 0.25);
+  CHECK(hold(problem, learned).whole == std::vector<char>{0, 1});
+  problem.known = {0, 1};
+  const Widths known = learn_widths(problem, vector({1, 0.5}), 60);
+  REQUIRE(known.defined);
+  CHECK(known.factor(1) == 0.5);
+  // The other's is the one that is best with it.
+  CHECK(known.factor(0) != 1);
+  CHECK(relative(known.posterior.covariance, posterior(problem, known.factor, true).covariance) <
+        1e-12);
+  for (const double other : {0.9, 1.1}) {
+    VectorXd factor = known.factor;
+    factor(0) *= other;
+    const auto with_hyperprior = [&](const VectorXd& f) {
+      const double u = std::log(f(0)) / std::log(3.0);
+      return log_evidence(problem, f) - u * u / 2;
+    };
+    CHECK(with_hyperprior(factor) < with_hyperprior(known.factor));
+  }
+  const Selection selection = hold(problem, known);
+  CHECK_FALSE(selection.whole[1]);
+  CHECK(selection.gain(1) < kEvidence);
+  CHECK(selection.inflation(1) == 1);
+}

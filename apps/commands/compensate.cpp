@@ -1,0 +1,201 @@
+// `kincal compensate`: readings for a robot whose joints bend or have error curves.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <iostream>
+
+#include "../../io/document/error.h"
+#include "../../io/document/files.h"
+#include "../../io/document/json.h"
+#include "../../io/document/names.h"
+#include "../../io/document/numbers.h"
+#include "../../io/exchange/compensation_texts.h"
+#include "../../io/exchange/joint_table.h"
+#include "../../io/rig/rig_file.h"
+#include "../../models/rig/configuration.h"
+#include "../../models/rig/numbers.h"
+#include "../../models/rig/words.h"
+#include "../job.h"
+#include "../signals.h"
+#include "command.h"
+
+namespace kincal {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct CompensateArguments {
+  std::string result, postures, tip, out, header, module, data;
+  bool position = false, force = false;
+};
+
+/// A robot as a rig file has it, and the frame that is meant.
+RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const std::string& name) {
+  const std::optional<Frame> frame = find_frame(file.rig, table, name);
+  if (frame) return {{&file.rig, &table, table.initial, {}}, *frame};
+  std::vector<std::string> valid;
+  for (const Frame& f : all_frames(file.rig, table)) valid.push_back(f.name);
+  throw InputError("--tip: there is no frame '" + name + "'; one of " + comma_separated(valid) +
+                   " is expected");
+}
+
+/// The rows with the readings that reach what was planned, as text; what is to be said of them.
+struct CompensatedTable {
+  std::string text, summary;
+};
+
+CompensatedTable compensated_table(const std::vector<JointRow>& rows, const RobotTip& real,
+                                   const RobotTip& planned, const CompensateArguments& a,
+                                   bool json) {
+  const Rig& rig = *real.robot.rig;
+  const std::vector<int> needed = joints_between(rig, rig.base, real.tip.link);
+  CompensatedTable out;
+  double largest = 0, off = 0, most_off = 0, left = 0, left_turn = 0;
+  int of = -1;
+  std::vector<int> columns;
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j)
+    if (!rows.empty() && rows[0].joints.count(rig.tree.joints[j].name))
+      columns.push_back(static_cast<int>(j));
+  if (!json)
+    for (const int j : columns) out.text += (out.text.empty() ? "" : ",") + rig.tree.joints[j].name;
+  if (!json) out.text += "\n";
+  for (const JointRow& row : rows) {
+    Readings readings(rig.tree.joints.size(), kNan);
+    for (const auto& [name, value] : row.joints) readings[rig.tree.find_joint(name)] = value;
+    for (const int j : needed)
+      if (std::isnan(readings[j]))
+        throw InputError(row.where + ": there is no reading of joint '" + rig.tree.joints[j].name +
+                         "', which moves '" + real.tip.name + "'");
+    readings = completed(std::move(readings));
+    const Compensated found = compensate(real, planned, readings, a.position);
+    if (!std::isfinite(found.position))
+      throw InputError(row.where + ": the robot has no equilibrium in this posture");
+    const double error = (real.at(readings).translation - planned.at(readings).translation).norm();
+    off += error * error;
+    most_off = std::max(most_off, error);
+    left = std::max(left, found.position);
+    left_turn = std::max(left_turn, found.rotation);
+    for (const int j : needed)
+      if (const double change = std::abs(found.readings[j] - readings[j]); change > largest) {
+        largest = change;
+        of = j;
+      }
+    std::string line;
+    for (const int j : columns)
+      line += std::string(line.empty() ? ""
+                          : json       ? ", "
+                                       : ",") +
+              (json ? json_string(rig.tree.joints[j].name) + ": " : "") +
+              shortest(found.readings[j]);
+    out.text += (json ? "{\"joints\": {" + line + "}}" : line) + "\n";
+  }
+  if (rows.empty()) return out;
+  out.summary =
+      text("%zu postures: without this the tip is off by %.3g mm (rms), at most %.3g mm; ",
+           rows.size(), 1e3 * std::sqrt(off / static_cast<double>(rows.size())), 1e3 * most_off);
+  if (of >= 0) {
+    const bool slides = rig.tree.joints[of].type == JointType::prismatic;
+    out.summary +=
+        text("readings change by at most %.3g %s (", 1e3 * largest, slides ? "mm" : "mrad") +
+        rig.tree.joints[of].name + "); ";
+  }
+  out.summary +=
+      text("left: %.2g mm", 1e3 * left) + (a.position ? "" : text(", %.2g mrad", 1e3 * left_turn));
+  return out;
+}
+
+int compensate_postures(const CompensateArguments& a) {
+  const std::vector<std::string> outputs = {a.out, a.header, a.module, a.data};
+  if (a.postures.empty() && a.header.empty() && a.module.empty() && a.data.empty())
+    throw InputError(
+        "compensate: nothing is asked for: give POSTURES, or --c-header, --python or "
+        "--json");
+  for (const std::string& output : outputs)
+    if (!output.empty()) {
+      say_cleared(clear_leftovers(output));
+      check_output_file(output, a.force);
+    }
+  const std::string rig = rig_path(a.result);
+  const fs::path rigid = fs::path(rig).parent_path() / "rig_rigid.yaml";
+  const RigFile real_file = read_rig(rig);
+  std::error_code ignored;
+  if (!fs::exists(rigid, ignored))
+    throw InputError(a.result +
+                     ": nothing to compensate: there is no rig_rigid.yaml, which `calibrate` "
+                     "writes where joints bend or have error curves; else robot.urdf has all that "
+                     "was found");
+  const RigFile planned_file = read_rig(rigid.string());
+  const ParameterTable real_table(real_file.rig), planned_table(planned_file.rig);
+  const RobotTip real = robot_tip(real_file, real_table, a.tip),
+                 planned = robot_tip(planned_file, planned_table, a.tip);
+  std::vector<std::pair<std::string, std::string>> files;
+  try {
+    if (!a.header.empty() || !a.module.empty() || !a.data.empty()) {
+      const Compensation data = make_compensation(real, planned);
+      if (!a.header.empty()) files.emplace_back(a.header, compensation_header(data));
+      if (!a.module.empty()) files.emplace_back(a.module, compensation_module(data));
+      if (!a.data.empty()) files.emplace_back(a.data, compensation_json(data));
+    }
+    if (!a.postures.empty()) {
+      const JointTable table = read_joint_table(a.postures, real_file.rig, {});
+      for (const std::string& note : table.notes) std::cerr << "kincal: note: " << note << "\n";
+      const bool json = fs::path(a.out.empty() ? a.postures : a.out).extension() == ".jsonl";
+      const CompensatedTable found = compensated_table(table.rows, real, planned, a, json);
+      std::cerr << found.summary << "\n";
+      if (a.out.empty())
+        std::cout << found.text;
+      else
+        files.emplace_back(a.out, found.text);
+    }
+  } catch (const std::invalid_argument& e) {
+    throw InputError(a.result + ": " + e.what());
+  }
+  begin_writing();
+  for (const auto& [path, text] : files) {
+    write_file(path, text, a.force);
+    std::cerr << "Written to " << path << "\n";
+  }
+  return kConverged;
+}
+
+}  // namespace
+
+Command compensate_command(CLI::App& app) {
+  auto a = std::make_shared<CompensateArguments>();
+  CLI::App* command = app.add_subcommand(
+      "compensate", "Readings with which a robot that bends is where it was planned to be");
+  command
+      ->add_option("RESULT", a->result,
+                   "result directory of a robot whose joints bend or have "
+                   "error curves")
+      ->required();
+  command->add_option("POSTURES", a->postures,
+                      "readings that were planned with robot.urdf: a table (CSV, a header of joint "
+                      "names; rad, m) or JSON lines {\"joints\": {...}}");
+  command
+      ->add_option("--tip", a->tip,
+                   "what is to be where it was planned: a link, sensor/NAME or "
+                   "target/NAME")
+      ->required()
+      ->type_name("FRAME");
+  command->add_flag("--position", a->position, "how the tip is turned does not matter");
+  command->add_option("--out", a->out,
+                      "file for the readings (.jsonl: JSON lines; else a table); "
+                      "default: standard output, as POSTURES");
+  command->add_option("--c-header", a->header,
+                      "write a C99 header with the same: forward "
+                      "kinematics and compensation, no heap");
+  command->add_option("--python", a->module, "write a Python module with the same (numpy)");
+  command->add_option("--json", a->data, "write its data: compensation.json");
+  command->add_flag("--force", a->force, "replace existing files");
+  command->footer(
+      "A URDF cannot hold that joints bend under weights, nor the error curves of their encoders "
+      "and gears. Plan with robot.urdf of the result,\n"
+      "and send the readings that this makes of the plan: the tip is then where robot.urdf has it. "
+      "A robot of less than six joints comes as near as\n"
+      "it can (1 rad counts as 1 m; --position: positions alone).\n"
+      "Exit codes: 0 done; 1 bad input, nothing written.");
+  return {command, [a] { return compensate_postures(*a); }};
+}
+
+}  // namespace kincal

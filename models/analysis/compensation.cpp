@@ -1,0 +1,85 @@
+#include "compensation.h"
+
+#include <Eigen/Cholesky>
+#include <limits>
+#include <stdexcept>
+
+#include "../rig/configuration.h"
+
+namespace kincal {
+namespace {
+
+constexpr int kSteps = 30;
+constexpr double kDamping = 1e-12;  // c, of the trace
+
+/// The motion of the frame, seen from itself, by the readings of the joints that move it (6 x
+/// joints); which these are.
+struct TipMotion {
+  MatrixXd columns;
+  std::vector<int> joints;
+};
+TipMotion tip_motion(const Configuration& robot, const Frame& tip, const Pose& base_T_tip) {
+  const Rig& rig = robot.rig();
+  TipMotion out;
+  out.joints = joints_between(rig, rig.base, tip.link);
+  out.columns.setZero(6, static_cast<Eigen::Index>(out.joints.size()));
+  const Matrix3d back = base_T_tip.rotation.transpose();
+  Pose a_T_from;
+  for (const PathStep& step : find_path(rig.tree, rig.base, tip.link)) {
+    Pose a_T_joint, a_T_to;
+    walk(step, robot.origin(step.joint), robot.motion(step.joint), a_T_from, a_T_joint, a_T_to);
+    a_T_from = a_T_to;
+    const Joint& joint = rig.tree.joints[step.joint];
+    if (!joint.moves()) continue;
+    const Driver d = driver(rig.tree, step.joint);
+    const Vector6d twist = position_twist(
+        joint, step.direction, a_T_joint * Pose{robot.bend_of(step.joint), Vector3d::Zero()});
+    const double* own = robot.own_numbers(d.joint);
+    const double by_reading =
+        d.factor * rig.joints[d.joint].model->by_reading(robot.reading(d.joint), own);
+    for (size_t i = 0; i < out.joints.size(); ++i)
+      if (out.joints[i] == d.joint) {
+        const auto k = static_cast<Eigen::Index>(i);
+        out.columns.col(k).head<3>() +=
+            by_reading * (back * (twist.head<3>() + twist.tail<3>().cross(base_T_tip.translation)));
+        out.columns.col(k).tail<3>() += by_reading * (back * twist.tail<3>());
+      }
+  }
+  return out;
+}
+
+}  // namespace
+
+Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
+                       bool position_only) {
+  const Pose wanted = planned.at(at);
+  Compensated out;
+  double least = std::numeric_limits<double>::infinity();
+  Readings now = at;
+  for (int step = 0; step < kSteps; ++step) {
+    const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now);
+    const Pose base_T_tip = real.at(now);
+    const Pose left = inverse(base_T_tip) * wanted;
+    VectorXd e(6);
+    e << left.translation, log_so3(left.rotation);
+    const TipMotion motion = tip_motion(robot, real.tip, base_T_tip);
+    if (motion.joints.empty())
+      throw std::invalid_argument("no joint moves '" + real.tip.name + "'");
+    const Eigen::Index rows = position_only ? 3 : 6;
+    const double size = e.head(rows).norm();
+    if (!(size < 0.5 * least)) break;  // rounding, or it cannot be reached better
+    least = size;
+    out = {now, e.head<3>().norm(), e.tail<3>().norm()};
+    const MatrixXd j = motion.columns.topRows(rows);
+    const bool square = j.cols() >= rows;
+    MatrixXd gram = square ? MatrixXd(j * j.transpose()) : MatrixXd(j.transpose() * j);
+    gram.diagonal().array() += kDamping * gram.trace();
+    const VectorXd by = square ? VectorXd(j.transpose() * gram.ldlt().solve(e.head(rows)))
+                               : VectorXd(gram.ldlt().solve(j.transpose() * e.head(rows)));
+    for (size_t i = 0; i < motion.joints.size(); ++i)
+      now[motion.joints[i]] += by(static_cast<Eigen::Index>(i));
+  }
+  return out;
+}
+
+}  // namespace kincal

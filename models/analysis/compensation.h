@@ -1,0 +1,39 @@
+// Readings that make a real robot, whose joints bend and have error curves, reach what was planned
+// for one that is rigid.
+//
+// With T(q) the pose of the tip at readings q, * what was planned, the readings wanted are those
+// of T_real(q)^-1 T* = 1. From q = q* on, each step adds J'(J J' + c)^-1 e (or, of a robot with
+// less than six joints on the path, (J'J + c)^-1 J'e, least squares, 1 rad as 1 m), e = [p | theta]
+// that pose's translation and rotation vector, J the motion of the tip, seen from itself, of the
+// joints as if they were rigid, c = 1e-12 tr. What bending changes in J is a thousandth of it, so
+// each step gains three digits.
+#pragma once
+
+#include <vector>
+
+#include "frames.h"
+
+namespace kincal {
+
+/// A RobotTip is a robot and the frame of it that is to be somewhere.
+struct RobotTip {
+  CalibratedRobot robot;
+  Frame tip;
+
+  Pose at(const Readings& readings) const {
+    return base_T_frame(*robot.rig, *robot.table, robot.values, tip, readings);
+  }
+};
+
+struct Compensated {
+  Readings readings;
+  double position = 0, rotation = 0;  // m and rad that are left
+};
+
+/// Returns the readings with which `real` is where `planned`, of the same URDF, is at `at`.
+/// `position_only`: how the tip is turned does not matter. Readings of joints that do not stand
+/// between base and tip stay. It allocates. @throws std::invalid_argument: no joint moves the tip
+Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
+                       bool position_only);
+
+}  // namespace kincal
