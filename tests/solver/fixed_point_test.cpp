@@ -1,5 +1,6 @@
 #include "../../solver/fixed_point.h"
 
+#include <Eigen/LU>
 #include <catch2/catch.hpp>
 #include <cmath>
 
