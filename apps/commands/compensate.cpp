@@ -25,18 +25,44 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompensateArguments {
-  std::string result, postures, tip, out, header, module, data;
+  std::string result, postures, tip, from, out, header, module, data;
   bool position = false, force = false;
 };
 
-/// A robot as a rig file has it, and the frame that is meant.
-RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const std::string& name) {
-  const std::optional<Frame> frame = find_frame(file.rig, table, name);
-  if (frame) return {{&file.rig, &table, table.initial, {}}, *frame};
-  std::vector<std::string> valid;
-  for (const Frame& f : all_frames(file.rig, table)) valid.push_back(f.name);
-  throw InputError("--tip: there is no frame '" + name + "'; one of " + comma_separated(valid) +
-                   " is expected");
+std::vector<std::string> names_of(const std::vector<Frame>& frames) {
+  std::vector<std::string> out;
+  for (const Frame& f : frames) out.push_back(f.name);
+  return out;
+}
+
+/// What positions are seen from: as asked, else the only sensor or target that stands still, else
+/// the base link.
+Frame seen_from(const RigFile& file, const ParameterTable& table, const std::string& asked) {
+  const Rig& rig = file.rig;
+  const Frame base = {rig.tree.links[rig.base], rig.base, -1};
+  const std::vector<Frame> still = still_frames(rig, table);
+  std::vector<std::string> valid = names_of(still);
+  valid.push_back(base.name);
+  if (asked.empty() && still.size() > 1)
+    throw InputError(
+        "--from is needed: what the tip's place is seen from, as two calibrations put "
+        "the base link at different places; one of " +
+        comma_separated(valid));
+  if (asked.empty()) return still.empty() ? base : still[0];
+  if (asked == base.name) return base;
+  for (const Frame& frame : still)
+    if (frame.name == asked) return frame;
+  throw InputError("--from: '" + asked + "' is nothing that stands still; one of " +
+                   comma_separated(valid) + " is expected");
+}
+
+/// A robot as a rig file has it, and the frames that are meant.
+RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const CompensateArguments& a) {
+  const std::optional<Frame> tip = find_frame(file.rig, table, a.tip);
+  const Frame from = seen_from(file, table, a.from);
+  if (tip) return {{&file.rig, &table, table.initial, {}}, *tip, from};
+  throw InputError("--tip: there is no frame '" + a.tip + "'; one of " +
+                   comma_separated(names_of(all_frames(file.rig, table))) + " is expected");
 }
 
 /// The rows with the readings that reach what was planned, as text; what is to be said of them.
@@ -126,8 +152,8 @@ int compensate_postures(const CompensateArguments& a) {
                      "was found");
   const RigFile planned_file = read_rig(rigid.string());
   const ParameterTable real_table(real_file.rig), planned_table(planned_file.rig);
-  const RobotTip real = robot_tip(real_file, real_table, a.tip),
-                 planned = robot_tip(planned_file, planned_table, a.tip);
+  const RobotTip real = robot_tip(real_file, real_table, a),
+                 planned = robot_tip(planned_file, planned_table, a);
   std::vector<std::pair<std::string, std::string>> files;
   try {
     if (!a.header.empty() || !a.module.empty() || !a.data.empty()) {
@@ -177,6 +203,11 @@ Command compensate_command(CLI::App& app) {
                    "what is to be where it was planned: a link, sensor/NAME or "
                    "target/NAME")
       ->required()
+      ->type_name("FRAME");
+  command
+      ->add_option("--from", a->from,
+                   "what its place is seen from: sensor/NAME or target/NAME that stands still, or "
+                   "the base link; default: the only one that stands still")
       ->type_name("FRAME");
   command->add_flag("--position", a->position, "how the tip is turned does not matter");
   command->add_option("--out", a->out,

@@ -21,7 +21,7 @@ struct kincal_joint {
 struct kincal_robot {
   int joints, base, tip, rotor;
   double gravity[3];
-  struct kincal_pose tip_frame;
+  struct kincal_pose base_frame, tip_frame;
   const struct kincal_joint* joint;
 };
 
@@ -187,10 +187,10 @@ static int kincal_stand(const struct kincal_robot* robot, const double* q, struc
 }
 static void kincal_tip_of(const struct kincal_robot* robot, const struct kincal_poses* poses,
                           struct kincal_pose* tip) {
-  struct kincal_pose at = robot->tip_frame;
+  struct kincal_pose at = robot->tip_frame, from = robot->base_frame;
   if (robot->tip >= 0) kincal_chain(&poses->link[robot->tip], &at, &at);
-  if (robot->base >= 0) kincal_back(&poses->link[robot->base], &at, &at);
-  *tip = at;
+  if (robot->base >= 0) kincal_chain(&poses->link[robot->base], &from, &from);
+  kincal_back(&from, &at, tip);
 }
 
 /* The pose of the tip in the base: of the real robot, or of the one that was planned with. Returns
@@ -409,15 +409,17 @@ def stand(robot, q):
 
 
 def tip_of(robot, links):
-    """The pose of the tip in the base."""
-    tip = pose(robot['tip_frame']['rotation'], robot['tip_frame']['xyz'])
+    """The pose of the tip in the base frame, and seen from the root."""
+    tip, base = (pose(robot[f]['rotation'], robot[f]['xyz']) for f in ('tip_frame', 'base_frame'))
     if robot['tip'] >= 0:
         tip = links[robot['tip']] @ tip
-    return back(links[robot['base']]) @ tip if robot['base'] >= 0 else tip
+    if robot['base'] >= 0:
+        base = links[robot['base']] @ base
+    return back(base) @ tip, tip
 
 
 def forward(q, which='real'):
-    return tip_of(DATA[which], stand(DATA[which], q)[1])
+    return tip_of(DATA[which], stand(DATA[which], q)[1])[0]
 
 
 def above(robot, joint):
@@ -436,14 +438,13 @@ def compensate(planned, rows=6):
     out = now.copy(), np.inf, np.inf
     for _ in range(30):
         frames, links, by_reading = stand(robot, now)
-        tip = tip_of(robot, links)
+        tip, root_tip = tip_of(robot, links)
         off = back(tip) @ wanted
         e = np.r_[off[:3, 3], log(off[:3, :3])]
         size = np.linalg.norm(e[:rows])
         if not size < 0.5 * least:
             break
         least, out = size, (now.copy(), np.linalg.norm(e[:3]), np.linalg.norm(e[3:]))
-        root_tip = links[robot['base']] @ tip if robot['base'] >= 0 else tip
         jacobian, moving = np.zeros((6, len(now))), set()
         for i in to_tip ^ to_base:
             j = robot['joints'][i]

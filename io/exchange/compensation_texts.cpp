@@ -29,7 +29,7 @@ std::set<int> joints_above(const Tree& tree, int link) {
 std::set<int> needed_joints(const RobotTip& of) {
   const Tree& tree = of.robot.rig->tree;
   std::set<int> out = joints_above(tree, of.tip.link);
-  const std::set<int> base = joints_above(tree, of.robot.rig->base);
+  const std::set<int> base = joints_above(tree, of.from.link);
   out.insert(base.begin(), base.end());
   if (!of.robot.rig->elasticity) return out;
   const std::set<int> path = out;
@@ -109,10 +109,14 @@ FlatRobot flat_robot(const RobotTip& of, const std::set<int>& joints,
     const int j = tree.joint_above[link];
     return j < 0 ? -1 : place[j];
   };
-  out.base = below(rig.base);
+  const auto pose_of = [&](const Frame& frame) {
+    return frame.pose < 0 ? Pose()
+                          : get_pose(of.robot.values, of.robot.table->all[frame.pose].start);
+  };
+  out.base = below(of.from.link);
   out.tip = below(of.tip.link);
-  if (of.tip.pose >= 0)
-    out.tip_frame = get_pose(of.robot.values, of.robot.table->all[of.tip.pose].start);
+  out.base_frame = pose_of(of.from);
+  out.tip_frame = pose_of(of.tip);
   return out;
 }
 
@@ -155,6 +159,7 @@ Json flat_json(const FlatRobot& robot) {
           {"frame", robot.rotor ? "rotor" : "stator"},
           {"base", robot.base},
           {"tip", robot.tip},
+          {"base_frame", flat_pose_json(robot.base_frame)},
           {"tip_frame", flat_pose_json(robot.tip_frame)},
           {"joints", std::move(joints)}};
 }
@@ -197,8 +202,8 @@ std::string c_robot(const FlatRobot& robot, const std::string& name) {
          "};\nstatic const struct kincal_robot kincal_" + name + " = {" +
          std::to_string(robot.joints.size()) + ", " + std::to_string(robot.base) + ", " +
          std::to_string(robot.tip) + ", " + (robot.rotor ? "1" : "0") + ", " +
-         c_vector(robot.gravity) + ", " + c_pose(robot.tip_frame) + ", kincal_" + name +
-         "_joints};\n";
+         c_vector(robot.gravity) + ", " + c_pose(robot.base_frame) + ", " +
+         c_pose(robot.tip_frame) + ", kincal_" + name + "_joints};\n";
 }
 
 /// A name as it may stand in a C comment or string.
@@ -218,7 +223,7 @@ Compensation make_compensation(const RobotTip& real, const RobotTip& planned) {
     if (tree.joints[j].moves()) drivers.insert(driver(tree, j).joint);
   const std::vector<int> readings(drivers.begin(), drivers.end());
   Compensation out;
-  out.base = tree.links[real.robot.rig->base];
+  out.base = real.from.name;
   out.tip = real.tip.name;
   for (const int j : readings) out.readings.push_back(tree.joints[j].name);
   out.real = flat_robot(real, joints, readings);

@@ -33,7 +33,7 @@ struct FlatJoint {
 struct FlatRobot {
   std::vector<FlatJoint> joints;
   int base = -1, tip = -1;              // the joint above the link; -1: the root
-  Pose tip_frame;                       // in that joint's child
+  Pose base_frame, tip_frame;           // in that joint's child
   Vector3d gravity = Vector3d::Zero();  // seen from the root
   bool rotor = false;
 };

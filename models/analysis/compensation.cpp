@@ -50,6 +50,13 @@ TipMotion tip_motion(const Configuration& robot, const Frame& tip, const Pose& b
 
 }  // namespace
 
+std::vector<Frame> still_frames(const Rig& rig, const ParameterTable& table) {
+  std::vector<Frame> out;
+  for (const Frame& frame : all_frames(rig, table))
+    if (frame.pose >= 0 && joints_between(rig, rig.base, frame.link).empty()) out.push_back(frame);
+  return out;
+}
+
 Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
                        bool position_only) {
   const Pose wanted = planned.at(at);
@@ -58,8 +65,7 @@ Compensated compensate(const RobotTip& real, const RobotTip& planned, const Read
   Readings now = at;
   for (int step = 0; step < kSteps; ++step) {
     const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now);
-    const Pose base_T_tip = real.at(now);
-    const Pose left = inverse(base_T_tip) * wanted;
+    const Pose base_T_tip = real.base_T_tip(now), left = inverse(real.at(now)) * wanted;
     VectorXd e(6);
     e << left.translation, log_so3(left.rotation);
     const TipMotion motion = tip_motion(robot, real.tip, base_T_tip);

@@ -15,15 +15,24 @@
 
 namespace kincal {
 
-/// A RobotTip is a robot and the frame of it that is to be somewhere.
+/// A RobotTip is a robot, the frame of it that is to be somewhere, and the frame that this is seen
+/// from: one that does not move with the joints. (Two calibrations put the base link itself at
+/// different places: what stands at the base and sees or is seen is the same in both.)
 struct RobotTip {
   CalibratedRobot robot;
-  Frame tip;
+  Frame tip, from;
 
-  Pose at(const Readings& readings) const {
+  Pose base_T_tip(const Readings& readings) const {
     return base_T_frame(*robot.rig, *robot.table, robot.values, tip, readings);
   }
+  Pose at(const Readings& readings) const {
+    return inverse(base_T_frame(*robot.rig, *robot.table, robot.values, from, readings)) *
+           base_T_tip(readings);
+  }
 };
+
+/// Returns the frames of sensors and targets that stand still relative to the base.
+std::vector<Frame> still_frames(const Rig& rig, const ParameterTable& table);
 
 struct Compensated {
   Readings readings;
