@@ -35,7 +35,7 @@ std::vector<std::string> names_of(const std::vector<Frame>& frames) {
   return out;
 }
 
-/// What positions are seen from: as asked, else the only sensor or target that stands still, else
+/// The reference frame of poses: as asked, else the only sensor or target that stands still, else
 /// the base link.
 Frame seen_from(const RigFile& file, const ParameterTable& table, const std::string& asked) {
   const Rig& rig = file.rig;
@@ -45,7 +45,7 @@ Frame seen_from(const RigFile& file, const ParameterTable& table, const std::str
   valid.push_back(base.name);
   if (asked.empty() && still.size() > 1)
     throw InputError(
-        "--from is needed: what the tip's place is seen from, as two calibrations put "
+        "--from is needed: the reference frame of the tip's pose, as two calibrations put "
         "the base link at different places; one of " +
         comma_separated(valid));
   if (asked.empty()) return still.empty() ? base : still[0];
@@ -65,7 +65,7 @@ RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const Compe
                    comma_separated(names_of(all_frames(file.rig, table))) + " is expected");
 }
 
-/// The rows with the readings that reach what was planned, as text; what is to be said of them.
+/// The rows with the readings that reach the planned poses, as text, and a summary.
 struct CompensatedTable {
   std::string text, summary;
 };
@@ -199,15 +199,16 @@ Command compensate_command(CLI::App& app) {
                       "readings that were planned with robot.urdf: a table (CSV, a header of joint "
                       "names; rad, m) or JSON lines {\"joints\": {...}}");
   command
-      ->add_option("--tip", a->tip,
-                   "what is to be where it was planned: a link, sensor/NAME or "
-                   "target/NAME")
+      ->add_option(
+          "--tip", a->tip,
+          "the frame that is to reach its planned pose: a link, sensor/NAME or target/NAME")
       ->required()
       ->type_name("FRAME");
   command
-      ->add_option("--from", a->from,
-                   "what its place is seen from: sensor/NAME or target/NAME that stands still, or "
-                   "the base link; default: the only one that stands still")
+      ->add_option(
+          "--from", a->from,
+          "reference frame of that pose: sensor/NAME or target/NAME that stands still, or the "
+          "base link; default: the only one that stands still")
       ->type_name("FRAME");
   command->add_flag("--position", a->position, "how the tip is turned does not matter");
   command->add_option("--out", a->out,

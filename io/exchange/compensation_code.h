@@ -225,7 +225,7 @@ static void kincal_solve(double* a, double* b, int n) { /* a x = b, symmetric an
 }
 
 /* The readings q with which the real robot's tip is where the planned one's is at `planned`, and
-   what is left of position (m) and rotation (rad). `rows`: 6, or 3 where the rotation does not
+   the remaining errors of position (m) and rotation (rad). `rows`: 6, or 3 where the rotation does not
    matter. Returns 0; 1: the robot has no equilibrium there. */
 static int kincal_compensate(const double planned[KINCAL_READINGS], int rows,
                              double q[KINCAL_READINGS], double left[2]) {
@@ -431,7 +431,7 @@ def above(robot, joint):
 
 
 def compensate(planned, rows=6):
-    """Readings, and what is left of position (m) and rotation (rad); rows=3: the rotation does not matter."""
+    """Readings, and the remaining errors of position (m) and rotation (rad); rows=3: the rotation does not matter."""
     robot, wanted = DATA['real'], forward(planned, 'planned')
     to_tip, to_base = above(robot, robot['tip']), above(robot, robot['base'])
     now, least = np.array(planned, dtype=float), np.inf

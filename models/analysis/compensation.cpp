@@ -9,8 +9,8 @@
 namespace kincal {
 namespace {
 
-constexpr int kSteps = 30;
-constexpr double kDamping = 1e-12;  // c, of the trace
+constexpr int kSteps = 30;          // three digits each: more than it takes
+constexpr double kDamping = 1e-12;  // c, of the trace: above rounding, below what slows the steps
 
 /// The motion of the frame, seen from itself, by the readings of the joints that move it (6 x
 /// joints); which these are.

@@ -1,4 +1,4 @@
-// Readings that make a real robot, whose joints bend and have error curves, reach what was planned
+// Readings that make a real robot, whose joints bend and have error curves, reach the poses planned
 // for one that is rigid.
 //
 // With T(q) the pose of the tip at readings q, * what was planned, the readings wanted are those

@@ -40,7 +40,7 @@ std::vector<Deflection> deflections(const Solution& solution) {
 }
 
 std::vector<int> bent_against_load(const Solution& solution) {
-  constexpr double kSigmas = 3;
+  constexpr double kSigmas = 3;  // one rigid joint in 740 is told so by chance
   std::vector<int> out;
   for (const ParameterEstimate& e : solution.parameters) {
     const Parameter& p = solution.table().all[e.parameter];

@@ -9,7 +9,7 @@
 
 namespace kincal {
 
-/// A Deflection is what a frame's position, seen from the base, has of bending: over all samples
+/// A Deflection is how far bending moves a frame, seen from the base: over all samples
 /// that have the readings.
 struct Deflection {
   std::string frame;  // sensor/NAME or target/NAME

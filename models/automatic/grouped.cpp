@@ -191,7 +191,7 @@ struct Learned {
   std::vector<OtherModel> other_models;
   EstimationSetup setup;                       // of the last fit
   std::shared_ptr<const Recording> recording;  // with the noise that was found
-  std::shared_ptr<const Recording> seen;       // and where more is seen than stated, that
+  DataProblem data;                            // at the last fit, of that recording
 };
 
 /// What the gears that were not asked for say at a fit without them: the gain of their group, and
@@ -275,7 +275,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     if (moved < kNoiseAtRest || pass + 1 >= kNoiseRounds) {
       judge_scales(recording, done, groups, out);
       out.setup = done.problem->setup();
-      out.seen = with_seen_noise(data, out.problem, factor, out.recording);
+      out.data = data;
       return out;
     }
     out.recording = std::move(next);
@@ -501,8 +501,10 @@ Calibrated calibrate_groups(const Model& model) {
   out.unchecked = learned.unchecked;
   const bool larger = solution.chi2_per_dof() > 1;  // residuals than stated
   return {std::move(out),
-          {larger ? learned.seen : learned.recording, learned.setup, learned.values, groups,
-           learned.widths.factor}};
+          {larger ? with_seen_noise(learned.data, learned.problem, learned.widths.factor,
+                                    learned.recording)
+                  : learned.recording,
+           learned.setup, learned.values, groups, learned.widths.factor}};
 }
 
 }  // namespace kincal

@@ -376,7 +376,7 @@ void GroupMaker::make_targets_and_sensors() {
 void GroupMaker::make_bending() {
   constexpr double kAbout = 1e-3, kAcross = 3e-4;  // rad
   constexpr double kLeast = 0.1;                   // of the largest load
-  constexpr double kAnyMoment = 0.01;              // of the largest
+  constexpr double kAnyMoment = 0.01;              // of the largest: bends by 10 urad
   const std::string names[] = {kCompliance, kComplianceAcross, kLoads};
   if (!rig_.elasticity && !can_bend(rig_)) return;
   for (const std::string& name : names) out_.groups.push_back({name, {}, {}, name == kLoads});

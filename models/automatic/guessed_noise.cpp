@@ -33,7 +33,8 @@ std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, 
 }
 
 FixedPoint noise_steps() {
-  constexpr int kMemory = 3;
+  constexpr int kMemory =
+      3;  // slow directions at once: levels of joints that hide behind each other
   const double largest = std::log(5.0);  // times, in a round
   return FixedPoint(kMemory, largest);
 }
