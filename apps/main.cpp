@@ -44,6 +44,7 @@ const char* const kFooter =
     "without a robot\n"
     "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
     "  kincal diff result other_result                            two calibrations compared\n"
+    "  kincal monitor result new_samples.jsonl                    has anything moved since?\n"
     "  kincal fleet results --out fleet                           which robots are unlike the "
     "others, and what drifts\n"
     "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
@@ -123,6 +124,7 @@ int main(int argc, char** argv) try {
       {"calibrate", [&] { return calibrate_command(app, line); }},
       {"batch", [&] { return batch_command(app, line, arguments); }},
       {"evaluate", [&] { return evaluate_command(app, line); }},
+      {"monitor", [&] { return monitor_command(app); }},
       {"diff", [&] { return diff_command(app); }},
       {"fleet", [&] { return fleet_command(app); }},
       {"apply", [&] { return apply_command(app); }},

@@ -10,6 +10,7 @@ enum ExitCode {
   kNotConverged = 3,
   kToleranceNotMet = 4,
   kNotExplained = 5,
+  kMoved = 6,
   kInterrupted = 130
 };
 

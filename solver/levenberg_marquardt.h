@@ -72,7 +72,7 @@ struct SolveSummary {
 
 /// Passes a summary on that is not of a cancelled solve. @throws Cancelled
 inline const SolveSummary& uncancelled(const SolveSummary& summary) {
-  if (summary.outcome == Outcome::cancelled) throw Cancelled();
+  if (summary.outcome == Outcome::cancelled) throw_cancelled();
   return summary;
 }
 

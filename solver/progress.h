@@ -17,11 +17,13 @@ namespace kincal {
 
 /// Cancelled is thrown where a listener returns false. (No std::exception: nothing is wrong.)
 struct Cancelled {};
+/// Throws it: headers do not, so that they can be read without exceptions. @throws Cancelled
+[[noreturn]] void throw_cancelled();
 
 /// Returns what was found; nullopt is how a cancellation ended there. @throws Cancelled
 template <class T>
 T uncancelled(std::optional<T> found) {
-  if (!found) throw Cancelled();
+  if (!found) throw_cancelled();
   return std::move(*found);
 }
 
@@ -85,7 +87,7 @@ class Progress {
     return name_.empty() ? what : name_ + ": " + what;
   }
   void tell(const News& news) const {
-    if (!listener_(news)) throw Cancelled();
+    if (!listener_(news)) throw_cancelled();
   }
 
   Listener listener_;

@@ -1,10 +1,7 @@
 // kincal in a program of yours: everything but files (files.h), sensors and joint models of your
 // own (extend.h) and the solver by itself (solver.h). It needs the component `models`.
 //
-//   The data           Rig (with Tree, Sensor, Target, Step), Sample, make_recording(); sensors by
-//                      make_camera() ..., joint models by joint_models(); ParameterTable and
-//                      Configuration: what can be estimated, and where everything is.
-//   Calibration        Runs the steps of a rig, and again with other numbers; its Solution.
+//   core.h             The data, and calibrations of explicit steps.
 //   study()            All that the program `calibrate` does; its Report, with Notice and Verdict.
 //   Automatic          calibrate_automatically(): a rig without steps.
 //   Analyses           linearise() a solution, then residuals(), noise_levels(), explain(),
@@ -17,26 +14,9 @@
 //                      many robots. evidence(): which of several models the data prefer.
 #pragma once
 
-// Robots, sensors, targets, samples
-#include "detail/kinematics/floating.h"
-#include "detail/kinematics/transform.h"
-#include "detail/kinematics/tree.h"
-#include "detail/models/joints/joint_models.h"
-#include "detail/models/rig/configuration.h"
-#include "detail/models/rig/folds.h"
-#include "detail/models/rig/parameters.h"
-#include "detail/models/rig/recording.h"
-#include "detail/models/rig/rig.h"
-#include "detail/models/rig/samples.h"
-#include "detail/models/rig/scales.h"
-#include "detail/models/rig/selection.h"
-#include "detail/models/rig/targets.h"
-#include "detail/models/sensors/sensors.h"
 // Calibrations
+#include "core.h"
 #include "detail/models/automatic/automatic.h"
-#include "detail/models/calibration/calibration.h"
-#include "detail/models/calibration/plan.h"
-#include "detail/models/calibration/solution.h"
 // What a solution is worth
 #include "detail/models/analysis/data_equations.h"
 #include "detail/models/analysis/frames.h"

@@ -128,6 +128,20 @@ void read_intrinsics(const std::string& path, CalibratedFiles& out) {
 
 }  // namespace
 
+CalibratedState state_of(const CalibratedFiles& files) {
+  if (!files.unknowns)
+    throw InputError(
+        files.path +
+        ": has no covariance (covariance.csv beside result.json): the result directory "
+        "of a calibration is expected");
+  CalibratedState out{files.rig_file.rig, files.values, {}, {}, {}, {}};
+  out.columns = files.unknowns->columns;
+  out.covariance = files.unknowns->covariance;
+  out.charts = files.unknowns->charts;
+  out.undetermined = files.unknowns->undetermined;
+  return out;
+}
+
 std::string verdict_doubt(const Field& result) {
   if (!result.has("verdict")) return "";
   const Field verdict = result["verdict"];

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../../models/analysis/frames.h"
+#include "../../models/monitor/monitor.h"
 #include "../rig/rig_file.h"
 
 namespace kincal {
@@ -34,6 +35,9 @@ struct CalibratedFiles {
 /// where the result's do, that is the best robot without them (rig_rigid.yaml), of which neither
 /// sigmas nor covariance are known. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path, bool rigid = false);
+
+/// Returns what a monitor begins with. @throws InputError: the files have no covariance
+CalibratedState state_of(const CalibratedFiles& files);
 
 /// Returns what a result.json says against using the result: its verdict, unless that is good; else
 /// "".

@@ -18,7 +18,7 @@ namespace {
 constexpr double kCancel = 0.03;  // what is left of the parts, relative: they cancel
 
 /// How far the readings of a joint reach over the training samples.
-std::pair<double, double> range_of(const Scene& scene, int joint) {
+std::pair<double, double> joint_range(const Scene& scene, int joint) {
   double low = kInfinity, high = -low;
   for (int s : scene.recording().training()) {
     const double reading = scene.recording().samples[s].readings[joint];
@@ -34,7 +34,7 @@ bool slides(const Scene& scene, int joint) {
 }
 
 std::string spread_text(const Scene& scene, int joint) {
-  const auto range = range_of(scene, joint);
+  const auto range = joint_range(scene, joint);
   const double span = range.second - range.first;
   const std::string name = scene.rig().tree.joints[joint].name;
   if (!(span > 1e-3))
@@ -253,7 +253,7 @@ class ReasonFinder {
     const Parameter& parameter = scene_.table().all[first_parameter()];
     if (parameter.kind == ParameterKind::joint_scale ||
         parameter.kind == ParameterKind::joint_shape) {
-      const auto range = range_of(scene_, parameter.owner);
+      const auto range = joint_range(scene_, parameter.owner);
       if (std::max(std::abs(range.first), std::abs(range.second)) < 1e-9) {
         const std::string& joint = scene_.rig().tree.joints[parameter.owner].name;
         out_.why += " (" + joint + " reads 0 in all samples)";
@@ -443,7 +443,7 @@ class ReasonFinder {
     std::vector<std::string> why, names;
     std::vector<int> still_joints;
     for (int j : joints) {
-      const auto range = range_of(scene_, j);
+      const auto range = joint_range(scene_, j);
       if (!(range.second - range.first > 1e-3)) still_joints.push_back(j);
     }
     const std::vector<int>& named = still_joints.empty() ? joints : still_joints;

@@ -22,7 +22,7 @@ ParameterKind kind_of_block(const std::string& name) {
 }
 
 /// Names of a joint number's components.
-std::vector<std::string> components_of(const JointNumber& number) {
+std::vector<std::string> names_of(const JointNumber& number) {
   std::vector<std::string> out(number.count);
   for (int i = 0; number.count > 1 && i < number.count; ++i) out[i] = std::to_string(i);
   return out;
@@ -118,7 +118,7 @@ ParameterTable::ParameterTable(const Rig& rig)
       auto value = further.begin();
       for (const JointNumber& n : settings.model->extra_parameters()) {
         Parameter& p =
-            all[add(ParameterKind::joint_shape, j, prefix + n.name, components_of(n),
+            all[add(ParameterKind::joint_shape, j, prefix + n.name, names_of(n),
                     std::vector<std::string>(n.count, n.unit), {value, value + n.count})];
         value += n.count;
         p.usual_error = n.usual_error;

@@ -21,7 +21,7 @@ import helpers
 SOURCE, BUILD, GROUP = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]), sys.argv[3]
 SKIPPED = 77
 IMAGES = os.path.exists(os.path.join(BUILD, "kincal-detect"))
-LIBRARIES = ("kinematics", "solver", "models", "io")
+LIBRARIES = ("kinematics", "solver", "core", "models", "io")
 
 
 def run(*command, **more):

@@ -263,7 +263,7 @@ def check_snippet(source, binary):
 
 def check_sensor(source, binary):
     build = os.path.dirname(os.path.abspath(binary))
-    libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("models", "solver", "kinematics")]
+    libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("core", "solver", "kinematics")]
     if not all(map(os.path.exists, libraries)):
         return "the sensor was not compiled (no libraries beside the program)"
     values = cache(build)

@@ -134,7 +134,7 @@ class Solver(Case):
         for components, why in (("solver;io", "kincal was built without its component io (KINCAL_IO=OFF)"),
                                 ("models", "kincal was installed without its component models"),
                                 ("kinematics", "kincal was installed without its component kinematics"),
-                                ("solver;optics", "kincal has no component optics: its components are kinematics, solver, models and io")):
+                                ("solver;optics", "kincal has no component optics: its components are kinematics, solver, core, models and io")):
             with self.subTest(components=components):
                 self.assertIn(why, self.consumer(components, ["Eigen3", "Threads"], code=None)[0])
         _, _, asked = self.consumer("solver;OPTIONAL_COMPONENTS;io;optics", ["Eigen3", "Threads"])
@@ -153,11 +153,11 @@ class Components(Case):
         """The build at hand, with all its components installed."""
         solver = {"Eigen3", "Threads"}
         files = solver | {"pugixml", "yaml-cpp", "nlohmann_json", "PkgConfig"}
-        for component in ("models", "solver", "kinematics", "io"):
+        for component in ("models", "core", "solver", "kinematics", "io"):
             if component == "kinematics":
                 self.assertIn("kincal was installed without its component kinematics, which models needs", self.consumer("models", solver, code=None)[0])
             run(CMAKE, "--install", BUILD_DIR, "--prefix", self.prefix, "--component", "kincal_" + component)
-        for components, expected in (("kinematics", {"Eigen3"}), ("solver", solver), ("kinematics;solver", solver), ("models", solver), ("io", files),
+        for components, expected in (("kinematics", {"Eigen3"}), ("solver", solver), ("kinematics;solver", solver), ("core", solver), ("models", solver), ("io", files),
                                      ("", files)):
             with self.subTest(components=components):
                 self.assertEqual(self.consumer(components, sorted(expected))[2], expected)

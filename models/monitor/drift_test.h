@@ -1,0 +1,133 @@
+// Has something moved since the calibration? A sequential test on equations of samples that come
+// one at a time, with a stated rate of false alarms. Linear algebra only: it knows nothing of
+// robots.
+//
+// Model. d is by how much the parameters differ from the calibrated values, N(0, P) with P the
+// calibration's covariance. Sample i says  y_i = J_i d + e_i, e_i ~ N(0, 1). What could have
+// happened: from sample t on, the parameters of one group g are off by x ~ N(0, w^2 W_g^2) besides;
+// W_g is the group's usual change and w one of 1, 1/10, 1/100 (equally likely), for nobody knows
+// how hard a robot is hit.
+//
+// Test. As long as nothing happens the innovations  v_i = y_i - J_i d_i  are independent,
+// N(0, S_i = 1 + J_i P_i J_i'), where d_i, P_i are the estimate of d from P and all samples before
+// i (Kalman's filter). A change x shows in them as J_i x, as long as the filter has not taken it
+// for an error of the calibration; so with
+//     A = sum J_i' S_i^-1 J_i,  b = sum J_i' S_i^-1 v_i  (of g; samples from t on)
+//     log B(g, w, t) = 1/2 b'(A + (w W)^-2)^-1 b - 1/2 log|1 + w^2 W A W|
+// and  R = sum over t of the mean over g and w of B, of those B above 99. With all of them R minus
+// the number of samples is a martingale while nothing happens, so the mean time until R reaches a
+// limit is the mean of R at that moment (Shiryaev and Roberts; Pollak, Annals of Statistics 13
+// (1985)). Changes that would not show in the data have B near 1 for ever; without them R is
+// smaller and alarms are rarer. The mean time is kOvershoot times the limit, for R leaps over it,
+// and rare leaps are far.
+//
+// Start times are kept ever sparser, as they lie back: kPerSpan of each span 1, 2, 4 ... samples.
+// One that stands for m others counts m times. What drops out is older than kSpans spans.
+//
+// What has happened is told by the whole model (moved()): before t the filter's d_t, P_t, from then
+// on the sums of J_i'J_i and J_i'y_i, with every group and d estimated together.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace kincal {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// By how much R exceeds the limit in the mean: 5 to 7 in simulations of groups of one to six
+/// columns and widths of 5 to 100 sigmas (tests/models/monitor/drift_test_test.cpp).
+constexpr double kOvershoot = 5;
+
+/// A DriftGroup is what moves together: columns of the equations, and how far they usually do.
+struct DriftGroup {
+  std::string name;
+  std::vector<int> columns;
+  VectorXd width;  // one a column, in its unit
+};
+
+/// A Moved is a group that may have moved, how far, and how likely it is that it was this one.
+struct Moved {
+  int group = -1;
+  double probability = 0;  // of all groups
+  long since = 0;          // sample
+  VectorXd change, sigma;  // by the group's columns
+  double chi2 = 0;         // of the samples since then, with it
+  long rows = 0;           // of their equations
+};
+
+class DriftTest {
+ public:
+  /// `covariance` is P. All memory is allocated here. `most_rows`: of the equations of one sample.
+  /// @throws std::invalid_argument: sizes that do not fit, a column that does not exist, a width
+  /// that is not positive, a rate below 1
+  DriftTest(MatrixXd covariance, std::vector<DriftGroup> groups, double samples_between_alarms,
+            int most_rows);
+
+  /// Looks at the equations of a sample, rows x columns and rows, already divided by the noise: at
+  /// most most_rows. Returns v'S^-1 v. Allocates nothing.
+  double look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y);
+  /// Takes the equations that it looked at last. With `learn` the filter does, too; without, only
+  /// the test (samples that fit badly must not spoil the estimate). `sample` is its number, for
+  /// Moved::since. Allocates nothing.
+  void take(bool learn, long sample);
+
+  /// Returns log R; -infinity before the first sample.
+  double log_statistic() const { return log_statistic_; }
+  /// True from the sample on where R reached the limit, until restart().
+  bool alarm() const { return alarm_; }
+  /// Returns which groups may have moved, the likeliest first. Allocates.
+  std::vector<Moved> moved() const;
+  /// Counts changes from now on; with the first of `found` known to have happened, which the
+  /// estimate and its covariance then contain. Allocates.
+  void restart(const std::vector<Moved>& found);
+
+  const std::vector<DriftGroup>& groups() const { return groups_; }
+  /// Returns the estimate of d after all samples, and its covariance.
+  const VectorXd& mean() const { return mean_; }
+  const MatrixXd& covariance() const { return covariance_; }
+
+ private:
+  static constexpr int kPerSpan = 2, kSpans = 14;
+
+  /// A Start is a sample from which on something may have moved.
+  struct Start {
+    long first = 0;
+    double weight = 0;                  // so many start times
+    std::vector<MatrixXd> information;  // A, by group
+    std::vector<VectorXd> pull;         // b
+    VectorXd mean;                      // of the filter before it
+    MatrixXd covariance;
+    MatrixXd before;  // sums of J'J and J'y before it
+    VectorXd before_pull;
+    double before_squares = 0;  // sum of y'y, and how many rows
+    long before_rows = 0;
+  };
+  void begin(long sample);
+  Moved moved_since(const Start& start, size_t group, double& log) const;
+  double log_factor(const Start& start, size_t group, int scale) const;
+
+  std::vector<DriftGroup> groups_;
+  double log_limit_;
+  long latest_ = 0;
+  bool alarm_ = false, streak_ = false;  // the sample before was not learnt from
+  double log_statistic_;
+  VectorXd mean_;
+  MatrixXd covariance_;
+  MatrixXd sum_;  // of J'J
+  VectorXd sum_pull_;
+  double sum_squares_ = 0;
+  long sum_rows_ = 0;
+  std::vector<Start> starts_;  // the used ones first, the latest start first
+  int used_ = 0;
+  // Scratch
+  std::vector<int> touched_, place_;
+  MatrixXd j_, through_, s_, gain_, narrow_, square_;
+  VectorXd y_, v_;
+  Eigen::Index rows_ = 0;
+};
+
+}  // namespace kincal

@@ -1,0 +1,7 @@
+#include "progress.h"
+
+namespace kincal {
+
+void throw_cancelled() { throw Cancelled(); }
+
+}  // namespace kincal
