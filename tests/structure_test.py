@@ -45,11 +45,12 @@ MAY_INCLUDE = {
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "io/report": ["io/document", "io/results"],
+    "io/job": [KINEMATICS, *MODELS, "io/document", "io/rig", "io/results", "io/report"],
     "io/exchange": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results"],
     "io/recordings": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/images"],  # urdf: the robot inside a recording
     "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results", "io/exchange"],
     "apps/tables": [KINEMATICS, *MODELS, "io/*"],
-    "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job, require: what commands have in common
+    "apps": [KINEMATICS, *MODELS, "io/*"],                                   # job: what commands have in common
     "apps/batch": [KINEMATICS, *MODELS, "io/*", "apps", "apps/tables"],
     "apps/commands": [KINEMATICS, *MODELS, "io/*", "apps", "apps/tables", "apps/batch"],
     "apps/main.cpp": [KINEMATICS, *MODELS, "io/*", "apps", "apps/commands"],

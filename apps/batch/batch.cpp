@@ -9,11 +9,11 @@
 
 #include "../../io/document/files.h"
 #include "../../io/document/names.h"
+#include "../../io/job/require.h"
 #include "../../io/report/report_page.h"
 #include "../../io/results/comparison.h"
 #include "../../io/results/summary_file.h"
 #include "../job.h"
-#include "../require.h"
 #include "../signals.h"
 #include "../tables/batch_table.h"
 #include "batch_progress.h"
@@ -48,20 +48,20 @@ std::string lacks(const Set& set, const std::string& option, const std::string& 
       (option == "--group" ? of_groups.groups : of_groups.no_groups) = {value};
       check_groups(rig, of_groups);
       ProgressLine silent(true);
-      automatic_groups(read_job(set.rig, set.samples, 0, silent), of_groups);
+      automatic_groups(read_job(set.rig, set.samples, {}, silent), of_groups);
       return "";
     } catch (const InputError& error) {
       return error.what();
     }
   const Recording recording(std::move(rig), {});
   if (option == "--require" || option == "--report-frame") try {
-      if (option == "--require") parse_requirement(value, recording);
+      if (option == "--require") parse_requirement(value, recording, Words::switches);
       if (option == "--report-frame") frame_named(recording.rig, recording.table, value, option);
       return "";
     } catch (const InputError& error) {
       return error.what();
     } catch (const NameError& error) {
-      return with_nearest(error).what();
+      return with_nearest(error, Words::switches).what();
     }
   if (!recording.table.select(value).empty()) return "";
   return option + ": '" + value + "' matches no parameter in any set" +

@@ -31,7 +31,7 @@ int calibrate_set(const Set& set, const Output& output, const CalibrateSettings&
   const Clock::time_point start = Clock::now();
   try {
     ProgressLine silent(true);
-    Job job = read_job(set.rig, set.samples, settings.holdout, silent);
+    Job job = read_job(set.rig, set.samples, settings, silent);
     const Report report = run(job, settings, true, silent);
     if (report.solution.status == Status::undefined_start) {
       const bool found = report.diagnosis && !report.diagnosis->findings.empty();

@@ -50,7 +50,7 @@ int calibrate(const CalibrateArguments& a) {
     }
   }
   ProgressLine line(a.quiet || a.json);
-  Job job = read_job(a.rig, a.samples, a.settings.holdout, line);
+  Job job = read_job(a.rig, a.samples, a.settings, line);
   line.clear();
   for (const std::string& warning : job.rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());

@@ -4,14 +4,9 @@
 #include <map>
 #include <memory>
 
-#include "../../io/document/files.h"
 #include "../../io/document/names.h"
+#include "../../io/job/check.h"
 #include "../../io/results/input_files.h"
-#include "../../io/results/result_json.h"
-#include "../../io/rig/alike.h"
-#include "../../io/rig/samples_file.h"
-#include "../../models/doctor/doctor.h"
-#include "../../models/rig/selection.h"
 #include "../job.h"
 #include "../tables/report_table.h"
 #include "command.h"
@@ -25,19 +20,6 @@ struct CheckArguments {
   int threads = 1;
   bool json = false, compare = false, quiet = false;
 };
-
-/// Samples, by target, with views whose numbers nothing decides.
-std::map<std::string, std::vector<std::string>> open_numbers(const RigFile& rig,
-                                                             const std::vector<Sample>& samples) {
-  std::map<std::string, std::vector<std::string>> out;
-  for (const auto& [sample, view] : undecided_numbers(rig, samples)) {
-    const Sample& one = samples[static_cast<size_t>(sample)];
-    const int target = one.views[static_cast<size_t>(view)].target;
-    std::vector<std::string>& ids = out[rig.rig.targets[static_cast<size_t>(target)].name];
-    if (ids.empty() || ids.back() != one.id) ids.push_back(one.id);
-  }
-  return out;
-}
 
 std::string open_numbers_text(const std::map<std::string, std::vector<std::string>>& open) {
   std::string out;
@@ -56,44 +38,29 @@ int check(const CheckArguments& a) {
   const RigFile rig_file = read_rig(rig_path(a.rig));
   for (const std::string& warning : rig_file.urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
-  now("reading " + a.samples);
   ProgressLine line(a.quiet || a.json);
-  const std::string text = read_file(a.samples);
-  std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, line);
-  for (Sample& s : samples) s.train = true;  // held-out samples can be wrong as well
-  const std::shared_ptr<const Recording> recording =
-      checked_recording(rig_file, samples, a.samples);
+  const SampleSet samples = read_sample_set(a.samples, rig_file.rig, line);
   DoctorOptions options;
   options.noise = kNoiseModes.at(a.noise);
   options.threads = a.threads;
   options.compare = a.compare;
   options.progress = line.progress().in("testing hypotheses");
   now("checking");
-  std::optional<Diagnosis> diagnosis;
-  try {
-    diagnosis = diagnose(*recording, options);
-  } catch (const NameError& error) {
-    throw with_nearest(error);
-  }
-  for (Notice& finding : diagnosis->findings) in_program_words(finding);
-  std::map<std::string, std::vector<std::string>> open;
-  if (diagnosis->findings.empty()) open = open_numbers(rig_file, recording->samples);
+  const CheckedJob checked = check_samples(rig_file, samples, options, Words::switches);
+  const Diagnosis& diagnosis = checked.diagnosis;
   line.clear();
   if (a.json) {
-    Json json = diagnosis_json(*diagnosis);
-    json["open_numbering"] = Json::object();
-    for (const auto& [target, samples] : open) json["open_numbering"][target] = samples;
-    std::cout << json_text(json);
+    std::cout << json_text(check_json(checked));
   } else {
-    std::cout << diagnosis_text(*diagnosis) << open_numbers_text(open)
-              << (diagnosis->findings.empty() && explained(*diagnosis)
+    std::cout << diagnosis_text(diagnosis) << open_numbers_text(checked.open_numbers)
+              << (diagnosis.findings.empty() && explained(diagnosis)
                       ? "Next: kincal calibrate " + a.rig + " " + a.samples + " --out result\n"
                       : "");
   }
   if (!a.page.file.empty())
     write_page(a.page,
-               check_files(rig_file, recording, *diagnosis, explained(*diagnosis),
-                           page_record(a.page, text)),
+               check_files(rig_file, checked.recording, diagnosis, explained(diagnosis),
+                           record_of(a.page.command, samples.hash)),
                !a.json);
   return kConverged;
 }

@@ -1,15 +1,10 @@
 // `kincal evaluate`: residuals at the rig's values.
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <iostream>
 
-#include "../../io/document/files.h"
+#include "../../io/job/check.h"
 #include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
-#include "../../io/rig/samples_file.h"
-#include "../../models/report/warnings.h"
-#include "../../models/rig/selection.h"
 #include "../job.h"
 #include "../tables/report_table.h"
 #include "../tables/validation_table.h"
@@ -28,43 +23,34 @@ struct EvaluateArguments {
 int evaluate(const EvaluateArguments& a) {
   check_page_file(a.page);
   RigFile rig_file = read_rig(rig_path(a.rig), a.urdf);
-  now("reading " + a.samples);
   ProgressLine line(a.quiet || a.json);
-  const std::string text = read_file(a.samples);
-  const std::vector<Sample> samples = parse_samples(text, a.samples, rig_file.rig, line);
-  if (std::none_of(samples.begin(), samples.end(),
-                   [](const Sample& sample) { return sample.train; }))
-    clear_steps(rig_file.rig);  // new data to judge: no step has anything to fit
-  const std::shared_ptr<const Recording> recording =
-      checked_recording(rig_file, samples, a.samples);
+  const SampleSet samples = read_sample_set(a.samples, rig_file.rig, line);
   now("evaluating");
-  try {
-    const Evaluation evaluation = kincal::evaluate(*recording, kNoiseModes.at(a.noise), a.free,
-                                                   line.progress().in("evaluating"));
-    line.clear();
-    Notices words = warnings(evaluation);
-    for (Notice& w : words) in_program_words(w);
-    if (a.json) {
-      std::cout << json_text(evaluation_json(evaluation, words));
-    } else {
-      std::cout << residual_table(evaluation.sensors, false)
-                << unfinished_text(evaluation.unfinished);
-      std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2,
-                  evaluation.dof);
-      if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
-      std::printf("\n");
-    }
-    for (const Notice& w : words)
-      std::fprintf(stderr, "kincal: warning: %s\n", sentences(w).c_str());
-    if (!a.page.file.empty())
-      write_page(
-          a.page,
-          evaluation_files(rig_file, recording, evaluation, words, page_record(a.page, text)),
-          !a.json);
-    return evaluation.converged ? kConverged : kNotConverged;
-  } catch (const NameError& error) {
-    throw with_nearest(error);
+  CalibrateSettings settings;
+  settings.noise = a.noise;
+  settings.free = a.free;
+  const EvaluatedJob evaluated =
+      evaluate_samples(rig_file, samples, settings, line.progress().in("evaluating"));
+  line.clear();
+  const Evaluation& evaluation = evaluated.evaluation;
+  if (a.json) {
+    std::cout << json_text(evaluation_json(evaluation, evaluated.warnings));
+  } else {
+    std::cout << residual_table(evaluation.sensors, false)
+              << unfinished_text(evaluation.unfinished);
+    std::printf("chi2 of all samples %.8g, %ld degrees of freedom", evaluation.chi2,
+                evaluation.dof);
+    if (evaluation.dof > 0) std::printf(", chi2/dof %.4g", evaluation.chi2 / evaluation.dof);
+    std::printf("\n");
   }
+  for (const Notice& w : evaluated.warnings)
+    std::fprintf(stderr, "kincal: warning: %s\n", sentences(w).c_str());
+  if (!a.page.file.empty())
+    write_page(a.page,
+               evaluation_files(rig_file, evaluated.recording, evaluation, evaluated.warnings,
+                                record_of(a.page.command, samples.hash)),
+               !a.json);
+  return evaluation.converged ? kConverged : kNotConverged;
 }
 
 }  // namespace

@@ -5,12 +5,11 @@
 #include <set>
 
 #include "../../io/document/files.h"
-#include "../../io/document/names.h"
 #include "../../io/document/numbers.h"
+#include "../../io/job/simulate.h"
 #include "../../io/rig/rig_file.h"
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
-#include "../../models/rig/selection.h"
 #include "../job.h"
 #include "../render_options.h"
 #include "../sibling.h"
@@ -29,29 +28,6 @@ struct SimulateArguments {
   unsigned long long seed = 0;
   bool pixels = false, force = false, quiet = false;
 };
-
-/// Where something is that the rig gives no pose for must be said, by the truth or a spread at
-/// least.
-void refuse_open_poses(const Rig& rig, const ParameterTable& table, const VectorXd& truth,
-                       const std::vector<Spread>& spread) {
-  std::vector<char> said(table.all.size(), 0);
-  for (const Spread& s : spread)
-    for (const Freed& f : table.select(s.pattern)) said[f.parameter] = 1;
-  for (int p : open_poses(rig, table)) {
-    const Parameter& parameter = table.all[p];
-    if (said[p] || truth.segment<12>(parameter.start) != table.initial.segment<12>(parameter.start))
-      continue;
-    const bool sensor = parameter.kind == ParameterKind::sensor_pose;
-    const std::string& name =
-        sensor ? rig.sensors[parameter.owner].name : rig.targets[parameter.owner].name;
-    throw InputError("simulate: " + parameter.name +
-                     " is absent from the rig, so it is not known " + "where " +
-                     (sensor ? "sensor '" : "target '") + name + "' is: write " +
-                     (sensor ? "sensors." + name + ".pose" : "targets." + name + ".mount.pose") +
-                     " into the rig, or say it by --truth, or draw it by --spread '" +
-                     parameter.name + "=0.01' (around the identity)");
-  }
-}
 
 bool takes_pictures(const Rig& rig, const View& view) {
   return rig.sensors[view.sensor].type == "camera" && rig.targets[view.target].type != "points";
@@ -140,14 +116,11 @@ int simulate(const SimulateArguments& a) {
     check_output_file(a.bag, a.force);
   }
   const RigFile rig_file = read_rig(rig_path(a.rig));
-  const ParameterTable table(rig_file.rig);
-  SimulationOptions options;
-  options.seed = a.seed;
-  options.samples = a.samples;
-  if (!a.postures.empty()) options.postures = read_postures(a.postures, rig_file.rig);
-  VectorXd truth = table.initial;
-  if (!a.truth.empty()) truth = read_truth(a.truth, table);
-  std::vector<Spread> spread;
+  SimulateSettings settings;
+  settings.seed = a.seed;
+  settings.samples = a.samples;
+  if (!a.postures.empty()) settings.postures = NamedText{a.postures, read_file(a.postures)};
+  if (!a.truth.empty()) settings.truth = NamedText{a.truth, read_file(a.truth)};
   for (const std::string& s : a.spread) {
     const size_t equals = s.rfind('=');
     Node value;
@@ -156,31 +129,14 @@ int simulate(const SimulateArguments& a) {
     const std::string where = "--spread";
     if (equals == std::string::npos || equals == 0)
       throw InputError("--spread: GLOB=SIGMA is expected, not '" + s + "'");
-    spread.push_back({s.substr(0, equals), Field{&value, &where, s}.number_at_least(0)});
+    settings.spread.push_back({s.substr(0, equals), Field{&value, &where, s}.number_at_least(0)});
   }
-  try {
-    if (!spread.empty()) truth = draw_truth(table, spread, a.seed);
-  } catch (const NameError& error) {
-    throw with_nearest(error);
-  }
-  refuse_open_poses(rig_file.rig, table, truth, spread);
   ProgressLine line(a.quiet);
-  options.progress = line.progress().in("simulating");
-  Simulation simulation = kincal::simulate(rig_file.rig, table, truth, options);
+  SimulatedJob job = simulate_samples(rig_file, settings, line.progress().in("simulating"));
   line.clear();
-  for (const Simulation::Dropped& d : simulation.dropped)
-    std::fprintf(stderr, "kincal: warning: sample '%s': sensor '%s' does not see target '%s': %s\n",
-                 d.sample.c_str(), rig_file.rig.sensors[d.sensor].name.c_str(),
-                 rig_file.rig.targets[d.target].name.c_str(), d.why.c_str());
-  for (int s : simulation.idle)
-    std::fprintf(stderr, "kincal: warning: sensor '%s' %s nothing\n",
-                 rig_file.rig.sensors[s].name.c_str(),
-                 rig_file.rig.sensors[s].type == "chain" ? "holds" : "sees");
-  if (simulation.samples.size() < static_cast<size_t>(a.samples))
-    std::fprintf(stderr,
-                 "kincal: warning: %zu of %d samples are left out: in these postures no sensor "
-                 "sees a whole target from its printed side\n",
-                 a.samples - simulation.samples.size(), a.samples);
+  Simulation& simulation = job.simulation;
+  for (const std::string& warning : job.warnings)
+    std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (simulation.samples.empty())
     throw InputError("simulate: no sample is left: no posture has a view that is possible");
   std::map<int, int> views;
@@ -194,7 +150,7 @@ int simulate(const SimulateArguments& a) {
                                  [](const Joint& joint) { return joint.first_axis >= 0; });
   if (pictures && !poses) files.emplace_back("joints.csv", images.table);
   files.emplace_back("samples.jsonl", samples_text(rig_file.rig, simulation.samples, images.paths));
-  files.emplace_back("truth.json", truth_text(rig_file.rig, table, simulation));
+  files.emplace_back("truth.json", truth_text(rig_file.rig, job.table, simulation));
   begin_writing();
   if (!write_directory(a.out, files, a.force, not_interrupted)) return say_interrupted();
   std::printf("%zu samples", simulation.samples.size());

@@ -136,23 +136,36 @@ std::string loops_csv(const Report& report) {
   return out;
 }
 
-std::string covariance_csv(const Solution& solution) {
+ReportedCovariance reported_covariance(const Solution& solution) {
+  ReportedCovariance out;
   const bool predicted = solution.prediction.has_value();
   const std::vector<Component>& columns =
       predicted ? solution.prediction->columns : solution.columns;
-  const MatrixXd& covariance = predicted ? solution.prediction->covariance : solution.covariance;
-  std::vector<char> known(columns.size(), 1);  // by column: its sigma is
-  for (size_t i = 0; i < columns.size(); ++i)
+  out.matrix = predicted ? solution.prediction->covariance : solution.covariance;
+  for (size_t i = 0; i < columns.size(); ++i) {
+    out.names.push_back(solution.table().name(columns[i]));
+    const auto k = static_cast<Eigen::Index>(i);
     for (const ParameterEstimate& e : solution.parameters)
-      if (e.parameter == columns[i].parameter && std::isnan(e.sigma[columns[i].index]))
-        known[i] = 0;
+      if (e.parameter == columns[i].parameter && std::isnan(e.sigma[columns[i].index]) &&
+          k < out.matrix.rows()) {
+        out.matrix.row(k).setConstant(kNan);
+        out.matrix.col(k).setConstant(kNan);
+      }
+  }
+  return out;
+}
+
+std::string covariance_csv(const Solution& solution) {
+  const ReportedCovariance covariance = reported_covariance(solution);
   std::string out;
-  for (size_t i = 0; i < columns.size(); ++i)
-    out += (i ? "," : "") + csv_field(solution.table().name(columns[i]));
+  for (const std::string& name : covariance.names)
+    out += (out.empty() ? "" : ",") + csv_field(name);
   out += "\n";
-  for (Eigen::Index i = 0; i < covariance.rows(); ++i) {
-    for (Eigen::Index j = 0; j < covariance.cols(); ++j)
-      out += (j ? "," : "") + (known[i] && known[j] ? shortest(covariance(i, j)) : std::string());
+  for (Eigen::Index i = 0; i < covariance.matrix.rows(); ++i) {
+    for (Eigen::Index j = 0; j < covariance.matrix.cols(); ++j) {
+      const double value = covariance.matrix(i, j);
+      out += (j ? "," : "") + (std::isnan(value) ? std::string() : shortest(value));
+    }
     out += "\n";
   }
   return out;

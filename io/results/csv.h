@@ -18,6 +18,13 @@ size_t loops_every(const Report& report);
 /// Residuals of every point carried from one sensor into another, one line each, of the samples
 /// that loops_every() says.
 std::string loops_csv(const Report& report);
+/// ReportedCovariance is what a result says of the errors of its numbers: that of the last step, or
+/// of what it predicts (Prediction). Rows and columns of what the data do not determine are NaN.
+struct ReportedCovariance {
+  std::vector<std::string> names;  // of components
+  MatrixXd matrix;
+};
+ReportedCovariance reported_covariance(const Solution& solution);
 /// Rows and columns of what the data do not determine are empty: a covariance of it there is none.
 std::string covariance_csv(const Solution& solution);
 

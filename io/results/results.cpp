@@ -344,21 +344,29 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   return out;
 }
 
+const std::vector<std::pair<const char*, std::string ResultFiles::*>>& result_file_names() {
+  static const std::vector<std::pair<const char*, std::string ResultFiles::*>> names = {
+      {"robot.urdf", &ResultFiles::robot_urdf},
+      {"rig.yaml", &ResultFiles::rig_yaml},
+      {"result.json", &ResultFiles::result_json},
+      {"changes.yaml", &ResultFiles::changes_yaml},
+      {"covariance.csv", &ResultFiles::covariance_csv},
+      {"information.csv", &ResultFiles::information_csv},
+      {"samples.csv", &ResultFiles::samples_csv},
+      {"residuals.csv", &ResultFiles::residuals_csv},
+      {"loops.csv", &ResultFiles::loops_csv},
+      {"report.html", &ResultFiles::report_html},
+      {"robot_unbent.urdf", &ResultFiles::unbent_urdf},
+      {"rig_rigid.yaml", &ResultFiles::rig_rigid},
+      {"batch.json", &ResultFiles::batch_json}};
+  return names;
+}
+
 bool write_results(const std::string& directory, const ResultFiles& files, bool force,
                    bool (*go_on)(), const std::string& scratch) {
-  const std::vector<std::pair<std::string, const std::string*>> all = {
-      {"robot.urdf", &files.robot_urdf},         {"rig.yaml", &files.rig_yaml},
-      {"result.json", &files.result_json},       {"changes.yaml", &files.changes_yaml},
-      {"covariance.csv", &files.covariance_csv}, {"information.csv", &files.information_csv},
-      {"samples.csv", &files.samples_csv},       {"residuals.csv", &files.residuals_csv},
-      {"loops.csv", &files.loops_csv},           {"report.html", &files.report_html},
-      {"robot_unbent.urdf", &files.unbent_urdf}, {"rig_rigid.yaml", &files.rig_rigid},
-      {"batch.json", &files.batch_json}};
   std::vector<std::pair<std::string, std::string>> present;
-  for (const auto& f : all)
-    if (!f.second->empty())  // robot.urdf: of a robot without one; residuals.csv, loops.csv,
-                             // batch.json
-      present.push_back({f.first, *f.second});
+  for (const auto& [name, text] : result_file_names())
+    if (!(files.*text).empty()) present.emplace_back(name, files.*text);
   return write_directory(directory, present, force, go_on, scratch);
 }
 

@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../../models/report/report.h"
@@ -52,6 +53,10 @@ struct ResultOptions {
 /// fails.
 ResultFiles make_results(const RigFile& rig_file, const Report& report,
                          const ResultOptions& options);
+
+/// Returns the names of a result's files, and which text each has. What is empty is not written:
+/// robot.urdf of a robot without one, residuals.csv, loops.csv, batch.json.
+const std::vector<std::pair<const char*, std::string ResultFiles::*>>& result_file_names();
 
 /// Writes the files of a result as write_directory (document/files.h) does.
 bool write_results(const std::string& directory, const ResultFiles& files, bool force,

@@ -1,7 +1,7 @@
 #include "rig_file.h"
 
 #include <algorithm>
-#include <filesystem>
+#include <functional>
 #include <map>
 #include <stdexcept>
 
@@ -391,15 +391,6 @@ std::vector<Step> read_steps(const Field& field, const Names& sensors) {
   return steps;
 }
 
-/// The robot that the rig names, relative to the rig's own file.
-std::string robot_path(const Field& field, const std::string& rig_path) {
-  const std::filesystem::path path = std::filesystem::path(rig_path).parent_path() / field.string();
-  std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored))
-    field.fail("file '" + path.string() + "' does not exist");
-  return path.string();
-}
-
 /// Reads which model each joint has, before all else: it says what further keys the joint takes,
 /// and may stand in a later entry.
 void read_joint_models(const Field& field, const Tree& tree, const JointModels& models,
@@ -456,15 +447,6 @@ void read_floating(const Field& entry, const Tree& tree, int joint,
   for (int k = 0; k < kPoseAxes; ++k) {
     settings[first + k].sigma = sigma[k < 3 ? "translation" : "rotation"].number_at_least(0);
     settings[first + k].noise_guess = guess ? settings[first + k].sigma : 0;
-  }
-}
-
-Urdf read_flange_robot(const Field& robot, const std::string& path) {
-  robot.check_keys({"base", "flange"});
-  try {
-    return flange_robot(robot["base"].string(), robot["flange"].string(), path);
-  } catch (const std::invalid_argument& e) {
-    robot.fail(e.what());
   }
 }
 
@@ -584,25 +566,18 @@ std::vector<NominalValue> read_nominal(const Field& field, const Rig& rig) {
   return out;
 }
 
-Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path) {
-  if (base == flange) throw std::invalid_argument("base and flange are two links, with two names");
-  for (const std::string& name : {base, flange})
-    if (name.empty() || name.find_first_of("<>&\"") != std::string::npos)
-      throw std::invalid_argument("the name of a link has no < > & \" and is not empty");
-  return parse_urdf("<robot name=\"" + flange + "\"><link name=\"" + base + "\"/><link name=\"" +
-                        flange + "\"/><joint name=\"" + kFlangeJoint +
-                        "\" type=\"floating\"><parent link=\"" + base + "\"/><child link=\"" +
-                        flange + "\"/></joint></robot>\n",
-                    path);
-}
-
 const Node kNoJoints;
 
-RigFile read_rig(const std::string& path, const std::string& urdf_path, const JointModels& models) {
+namespace {
+
+/// The rig of a text; `read_robot` reads the robot of its key `robot`, `replaced`: another one,
+/// into which the joint offsets are folded.
+RigFile read_rig_text(std::string text, const std::string& path, const JointModels& models,
+                      const std::function<Urdf(const Field&)>& read_robot, bool replaced) {
   RigFile file;
   file.path = path;
   file.joint_models = models;
-  file.text = read_file(path);
+  file.text = std::move(text);
   refuse_other_kinds(file.text, path, Wanted::rig);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
@@ -614,9 +589,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   if (all.has("serial")) file.serial = all["serial"].string();
   if (all.has("time")) file.time = all["time"].string();
   const Field robot = all["robot"];
-  file.flange_only = urdf_path.empty() && robot.node->kind == Node::Kind::mapping;
-  file.urdf = file.flange_only ? read_flange_robot(robot, path)
-                               : read_urdf(urdf_path.empty() ? robot_path(robot, path) : urdf_path);
+  file.flange_only = !replaced && robot.node->kind == Node::Kind::mapping;
+  file.urdf = read_robot(robot);
   Rig& rig = file.rig;
   rig.tree = file.urdf.tree;
   rig.masses = file.urdf.masses;
@@ -626,7 +600,7 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   rig.base = all.has("base") ? read_link(all["base"], rig.tree) : rig.tree.root;
   rig.joints = read_joint_settings(
       all.has("joints") ? all["joints"] : Field{&kNoJoints, &path, "joints"}, rig.tree, models);
-  if (!urdf_path.empty())
+  if (replaced)
     for (JointSettings& joint : rig.joints) joint.offset = 0;
   const Field targets = all["targets"], sensors = all["sensors"];
   check_entries(targets, "targets");
@@ -645,6 +619,28 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path, const Jo
   if (all.has("priors")) rig.priors = read_priors(all["priors"], rig);
   if (all.has("nominal")) rig.nominal = read_nominal(all["nominal"], rig);
   return file;
+}
+
+}  // namespace
+
+RigFile read_rig(const std::string& path, const std::string& urdf_path, const JointModels& models) {
+  return read_rig_text(
+      read_file(path), path, models,
+      [&](const Field& robot) {
+        return urdf_path.empty() ? read_robot_entry(robot, path) : read_urdf(urdf_path);
+      },
+      !urdf_path.empty());
+}
+
+RigFile parse_rig(std::string text, const std::string& path, const Urdf* robot,
+                  const JointModels& models) {
+  return read_rig_text(
+      std::move(text), path, models,
+      [&](const Field& entry) {
+        return robot && entry.node->kind != Node::Kind::mapping ? *robot
+                                                                : read_robot_entry(entry, path);
+      },
+      false);
 }
 
 }  // namespace kincal

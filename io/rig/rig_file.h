@@ -10,6 +10,7 @@
 #include "../../models/rig/samples.h"
 #include "../document/document.h"
 #include "../urdf/urdf.h"
+#include "robot_entry.h"
 
 namespace kincal {
 
@@ -30,12 +31,11 @@ struct RigFile {
 /// joint models that the rig can name. @throws InputError
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
                  const JointModels& models = joint_models());
-
-/// The joint of a robot that is known by the poses of its flange only.
-constexpr const char* kFlangeJoint = "flange";
-/// Makes the URDF of such a robot: two links and a floating joint between them.
-/// @throws std::invalid_argument: equal or unusable names
-Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path);
+/// Reads a rig from a text; `path` is for messages, and what the rig names stands beside it.
+/// `robot` is the robot, else (null) the file that the rig names is read; of a rig whose robot is
+/// known by its flange it is not looked at. @throws InputError
+RigFile parse_rig(std::string text, const std::string& path, const Urdf* robot = nullptr,
+                  const JointModels& models = joint_models());
 
 /// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones.
 /// @throws InputError

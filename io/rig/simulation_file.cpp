@@ -153,8 +153,12 @@ class Lines {
 }  // namespace
 
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig) {
+  return parse_postures(read_file(path), path, rig);
+}
+
+std::vector<Posture> parse_postures(const std::string& text, const std::string& path,
+                                    const Rig& rig) {
   std::vector<Posture> postures;
-  const std::string text = read_file(path);
   refuse_other_kinds(text, path, Wanted::postures);
   for_each_json_line(text, path, [&](const Field& field) {
     postures.push_back(read_posture(field, rig));
@@ -165,7 +169,11 @@ std::vector<Posture> read_postures(const std::string& path, const Rig& rig) {
 }
 
 VectorXd read_truth(const std::string& path, const ParameterTable& table) {
-  const std::string text = read_file(path);
+  return parse_truth(read_file(path), path, table);
+}
+
+VectorXd parse_truth(const std::string& text, const std::string& path,
+                     const ParameterTable& table) {
   refuse_other_kinds(text, path, Wanted::truth);
   const Node node = parse_json(text, path);
   const Field all = top(node, path);

@@ -24,9 +24,13 @@ namespace kincal {
 /// Reads postures. @throws InputError "path:line: views[2].sensor: ..."; every view must be
 /// possible: joints there, free targets held or placed.
 std::vector<Posture> read_postures(const std::string& path, const Rig& rig);
+/// The same from the text of a file; `path` is for messages.
+std::vector<Posture> parse_postures(const std::string& text, const std::string& path,
+                                    const Rig& rig);
 
 /// Reads values in the table's layout. "samples" is not looked at. @throws InputError
 VectorXd read_truth(const std::string& path, const ParameterTable& table);
+VectorXd parse_truth(const std::string& text, const std::string& path, const ParameterTable& table);
 
 /// Reads how the robot of a truth file stood in each sample, by its id: true readings, and poses of
 /// free targets. @throws InputError

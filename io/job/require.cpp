@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <map>
 
-#include "../io/document/document.h"
-#include "../io/document/names.h"
-#include "../io/results/comparison.h"
-#include "../models/rig/selection.h"
+#include "../../models/rig/selection.h"
+#include "../document/document.h"
+#include "../document/names.h"
+#include "../results/comparison.h"
 
 namespace kincal {
 namespace {
@@ -23,7 +23,7 @@ const std::map<std::string, LimitUnit> kUnits = {{"px", {"px", 1}},
                                                  {"mrad", {"rad", 1e-3}},
                                                  {"deg", {"rad", 0.017453292519943295}}};
 
-std::string trimmed(const std::string& text) {
+std::string without_spaces(const std::string& text) {
   const size_t begin = text.find_first_not_of(' ');
   return begin == std::string::npos ? ""
                                     : text.substr(begin, text.find_last_not_of(' ') - begin + 1);
@@ -39,16 +39,17 @@ std::string units_of(const std::vector<std::string>& kinds) {
 
 }  // namespace
 
-std::vector<Requirement> parse_requirement(const std::string& text, const Recording& recording) {
+std::vector<Requirement> parse_requirement(const std::string& text, const Recording& recording,
+                                           Words words) {
   const Rig& rig = recording.rig;
-  const std::string where = "--require '" + text + "': ";
+  const std::string where = option_name("require", words) + " '" + text + "': ";
   const size_t less = text.find('<');
-  const std::string quantity = trimmed(text.substr(0, less)),
-                    limit = less == std::string::npos ? "" : trimmed(text.substr(less + 1));
+  const std::string quantity = without_spaces(text.substr(0, less)),
+                    limit = less == std::string::npos ? "" : without_spaces(text.substr(less + 1));
   const size_t digits = std::min(limit.find_first_not_of("0123456789.+-eE"), limit.size());
   Requirement requirement;
   requirement.text = text;
-  requirement.unit = trimmed(limit.substr(digits));
+  requirement.unit = without_spaces(limit.substr(digits));
   const auto malformed = [&] {
     return InputError(
         where + "QUANTITY<LIMIT is expected: sensor/NAME<0.2mm, frame/LINK<0.5mm or chi2/dof<1.5");

@@ -1,0 +1,21 @@
+// The robot of a rig: its key `robot`.
+#pragma once
+
+#include <string>
+
+#include "../document/document.h"
+#include "../urdf/urdf.h"
+
+namespace kincal {
+
+/// The joint of a robot that is known by the poses of its flange only.
+constexpr const char* kFlangeJoint = "flange";
+/// Makes the URDF of such a robot: two links and a floating joint between them.
+/// @throws std::invalid_argument: equal or unusable names
+Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path);
+
+/// Reads the robot that a rig names, relative to the rig's own file, or makes that of a flange.
+/// @throws InputError
+Urdf read_robot_entry(const Field& robot, const std::string& rig_path);
+
+}  // namespace kincal
