@@ -3,13 +3,14 @@
 #   kincal         the program
 #   kincal-images  kincal-detect, kincal-render and kincal-bags: what needs OpenCV, so that kincal stays small
 #   libkincal-dev  static libraries, headers and the CMake package
-find_program(KINCAL_PYTHON python3)
-mark_as_advanced(KINCAL_PYTHON)
+#   python3-kincal the Python package
+find_program(KINCAL_PYTHON3 python3)
+mark_as_advanced(KINCAL_PYTHON3)
 set(documents ${PROJECT_BINARY_DIR}/documents)
 
 # Documents of programs, made when `component` is installed. A program for another kind of machine cannot be asked.
 function(kincal_documents component)
-  if(CMAKE_CROSSCOMPILING OR NOT KINCAL_PYTHON)
+  if(CMAKE_CROSSCOMPILING OR NOT KINCAL_PYTHON3)
     message(STATUS "Manual pages and completion are left out: they need python3 and a program that runs here")
     return()
   endif()
@@ -18,7 +19,7 @@ function(kincal_documents component)
     list(APPEND programs $<TARGET_FILE:${target}>)
   endforeach()
   install(CODE "
-    execute_process(COMMAND ${KINCAL_PYTHON} \"${PROJECT_SOURCE_DIR}/scripts/program-documents\" \"${documents}/${component}\" ${PROJECT_VERSION} ${programs}
+    execute_process(COMMAND ${KINCAL_PYTHON3} \"${PROJECT_SOURCE_DIR}/scripts/program-documents\" \"${documents}/${component}\" ${PROJECT_VERSION} ${programs}
       COMMAND_ERROR_IS_FATAL ANY)" COMPONENT ${component})
   install(DIRECTORY ${documents}/${component}/man1 DESTINATION ${CMAKE_INSTALL_MANDIR} COMPONENT ${component})
   install(DIRECTORY ${documents}/${component}/completions DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion COMPONENT ${component} OPTIONAL)
@@ -40,6 +41,11 @@ if(image_programs)
   kincal_documents(kincal_images ${image_programs})
   install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/kincal-images COMPONENT kincal_images)
   list(APPEND CPACK_COMPONENTS_ALL kincal_images)
+endif()
+
+if(TARGET kincal_python)
+  install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/python3-kincal COMPONENT kincal_python)
+  list(APPEND CPACK_COMPONENTS_ALL kincal_python)
 endif()
 
 set(CPACK_GENERATOR DEB)
@@ -82,12 +88,29 @@ endif()
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "${dev_depends}")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "Static libraries and headers: find_package(kincal) and link kincal::models or kincal::io.")
 
+if(TARGET kincal_python)
+  # The module is for one version of Python, as its name says.
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-kincal)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS ON)
+  get_directory_property(python_minor DIRECTORY ${PROJECT_SOURCE_DIR}/bindings/python DEFINITION Python3_VERSION_MINOR)
+  math(EXPR next_python "${python_minor} + 1")
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= 3.${python_minor}), python3 (<< 3.${next_python}), python3-numpy")
+  if(KINCAL_CHOLMOD)
+    string(APPEND CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS ", libcholmod3")
+  endif()
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SUGGESTS "kincal-images, python3-pandas")
+  set(CPACK_COMPONENT_PYTHON_DESCRIPTION "The Python package kincal: calibrate, check, evaluate and simulate with dicts and arrays.")
+endif()
+
 include(CPack)
 cpack_add_component_group(PROGRAM)
 cpack_add_component_group(IMAGES)
 cpack_add_component_group(DEV)
+cpack_add_component_group(PYTHON)
 cpack_add_component(kincal GROUP PROGRAM)
 cpack_add_component(kincal_images GROUP IMAGES)
+cpack_add_component(kincal_python GROUP PYTHON)
 foreach(library kinematics solver core models io)
   cpack_add_component(kincal_${library} GROUP DEV)
 endforeach()

@@ -10,9 +10,10 @@ mkdir -p "$root/build"
 build_packages=(g++ cmake ninja-build pkg-config libeigen3-dev libsuitesparse-dev libopenblas0-serial liburdfdom-dev nettle-dev
                 libpugixml-dev libyaml-cpp-dev nlohmann-json3-dev libcli11-dev)
 bag_packages=(libsqlite3-dev liblz4-dev libzstd-dev libbz2-dev zlib1g-dev)  # for kincal-bags, which is left out without them
+python_packages=(python3-dev python3-numpy pybind11-dev)  # for the Python package, which is left out without them
 image_packages=(libopencv-contrib-dev)  # for kincal-detect and kincal-render, which are left out without it
-# Python: an independent implementation to compare with.
-test_packages=(catch2 python3-numpy python3-scipy python3-yaml "${image_packages[@]}" "${bag_packages[@]}")
+# Python: an independent implementation to compare with; mypy and pandas are for tests of the Python package.
+test_packages=(catch2 python3-numpy python3-scipy python3-yaml python3-pandas mypy "${python_packages[@]}" "${image_packages[@]}" "${bag_packages[@]}")
 cluster_packages=(slurm-wlm munge)  # a Slurm that its tests start for themselves; without it they are skipped
 
 fail() {

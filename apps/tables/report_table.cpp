@@ -6,6 +6,7 @@
 #include <set>
 
 #include "../../io/document/numbers.h"
+#include "../../io/job/check.h"
 #include "../../models/report/warnings.h"
 #include "../../models/rig/numbers.h"
 #include "../../models/rig/scales.h"
@@ -16,9 +17,6 @@
 
 namespace kincal {
 namespace {
-
-constexpr double kExplained =
-    2;  // chi2/dof below which there is nothing that a mistake could explain
 
 /// The `most` components of parameters that changed most, with sigmas.
 std::string parameter_table(const Report& report, size_t most) {
@@ -271,10 +269,6 @@ std::string residual_table(const std::vector<SensorResult>& sensors, bool before
       rows.push_back(row);
     }
   return align(rows, 2);
-}
-
-bool explained(const Diagnosis& d) {
-  return d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof);
 }
 
 std::string diagnosis_text(const Diagnosis& d) {

@@ -13,8 +13,6 @@ namespace kincal {
 /// Shows the rms of each sensor after the calibration, train and held out. `before` adds the column
 /// of the rms before it.
 std::string residual_table(const std::vector<SensorResult>& sensors, bool before);
-/// Returns whether a diagnosis found that there is nothing to explain.
-bool explained(const Diagnosis& diagnosis);
 /// Shows what the doctor found: findings, what was tested, the verdict.
 std::string diagnosis_text(const Diagnosis& diagnosis);
 /// Returns why a calibration could not start: what the doctor found first, then where it ended.

@@ -9,6 +9,9 @@
 namespace kincal {
 namespace {
 
+constexpr double kExplained =
+    2;  // chi2/dof below which there is nothing that a mistake could explain
+
 /// Samples, by target, with views whose numbers nothing decides.
 std::map<std::string, std::vector<std::string>> find_open_numbers(
     const RigFile& rig, const std::vector<Sample>& samples) {
@@ -40,6 +43,10 @@ CheckedJob check_samples(const RigFile& rig_file, const SampleSet& samples,
   std::map<std::string, std::vector<std::string>> open;
   if (diagnosis->findings.empty()) open = find_open_numbers(rig_file, recording->samples);
   return {std::move(recording), std::move(*diagnosis), std::move(open)};
+}
+
+bool explained(const Diagnosis& d) {
+  return d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof);
 }
 
 Json check_json(const CheckedJob& checked) {

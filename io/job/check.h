@@ -24,6 +24,8 @@ struct CheckedJob {
 /// @throws InputError, Cancelled
 CheckedJob check_samples(const RigFile& rig_file, const SampleSet& samples,
                          const DoctorOptions& options, Words words);
+/// Returns whether a diagnosis found that there is nothing to explain.
+bool explained(const Diagnosis& diagnosis);
 /// Returns {findings, chi2, dof, verdict, tested, open_numbering}.
 Json check_json(const CheckedJob& checked);
 

@@ -1,6 +1,6 @@
 """The Debian packages of cpack. Usage: deb_test.py SOURCE_DIR BUILD_DIR GROUP
 
-Packages proves: cpack makes three packages; no file is in two of them; the programs, a manual page for each program and command, the
+Packages proves: cpack makes three packages, and python3-kincal where the Python package is built, which works as unpacked, as the wheel does; no file is in two of them; the programs, a manual page for each program and command, the
 completion, headers, libraries and the CMake package are in the right one; each names what it needs (what its programs are linked to, and no
 more: kincal no OpenCV); pages have every option of the help and troff reads them without a warning; the completion knows every command and option, and completes.
 Root proves: in a Debian of its own (mmdebstrap) apt installs them with what they depend on; the example runs there; tests/consumer is built from
@@ -21,6 +21,7 @@ import helpers
 SOURCE, BUILD, GROUP = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]), sys.argv[3]
 SKIPPED = 77
 IMAGES = os.path.exists(os.path.join(BUILD, "kincal-detect"))
+PYTHON = os.path.exists(os.path.join(BUILD, "python", "kincal", "_kincal.pyi"))
 LIBRARIES = ("kinematics", "solver", "core", "models", "io")
 
 
@@ -55,7 +56,7 @@ class Packages(helpers.Folder):
         cls.contents = {name: contents(file) for name, file in cls.packages.items()}
 
     def test_what_is_where(self):
-        self.assertEqual(sorted(self.packages), ["kincal"] + (["kincal-images"] if IMAGES else []) + ["libkincal-dev"])
+        self.assertEqual(sorted(self.packages), ["kincal"] + (["kincal-images"] if IMAGES else []) + ["libkincal-dev"] + (["python3-kincal"] if PYTHON else []))
         names = list(self.contents)
         for i, a in enumerate(names):
             for b in names[:i]:
@@ -96,6 +97,31 @@ class Packages(helpers.Folder):
         depends = field(self.packages["libkincal-dev"], "Depends")
         for library in ("libeigen3-dev", "libpugixml-dev", "libyaml-cpp-dev", "nlohmann-json3-dev", "liburdfdom-dev", "nettle-dev", "pkg-config"):
             self.assertIn(library, depends)
+
+    def works(self, folder):
+        """The package as it stands in a folder."""
+        code = ("import kincal; r = kincal.calibrate('rig.yaml', 'samples.jsonl'); assert r.use == 'good', r; assert kincal.__file__.startswith(%r), kincal.__file__" % folder)
+        run(sys.executable, "-B", "-c", code, cwd=os.path.join(SOURCE, "examples", "pr2"), env={**os.environ, "PYTHONPATH": folder})
+
+    def test_python(self):
+        if not PYTHON:
+            self.skipTest("the Python package is not built")
+        package = self.packages["python3-kincal"]
+        self.assertLessEqual({"/usr/lib/python3/dist-packages/kincal/" + f for f in ("__init__.py", "_kincal.pyi", "py.typed")}, self.contents["python3-kincal"])
+        self.assertFalse([f for f in self.contents["python3-kincal"] if "__pycache__" in f])
+        depends = field(package, "Depends")
+        for needed in ("python3 (>= 3.", "python3 (<< 3.", "python3-numpy", "libyaml-cpp", "libc6"):
+            self.assertIn(needed, depends)
+        self.assertNotIn("opencv", depends)
+        run("dpkg-deb", "-x", package, self.path("python"))
+        self.works(self.path("python", "usr/lib/python3/dist-packages"))
+        version = field(package, "Version")
+        wheels = [run(sys.executable, "-B", os.path.join(SOURCE, "bindings", "python", "make_wheel.py"), os.path.join(BUILD, "python", "kincal"), version, SOURCE, self.dir).strip() for _ in range(2)]
+        self.assertRegex(os.path.basename(wheels[0]), r"^kincal-%s-cp3\d+-cp3\d+-linux_\w+\.whl$" % re.escape(version))
+        if subprocess.run([sys.executable, "-m", "pip", "--version"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode != 0:
+            self.skipTest("no pip")
+        run(sys.executable, "-m", "pip", "install", "--no-index", "--no-deps", "--no-compile", "--target", self.path("wheel"), wheels[0])
+        self.works(self.path("wheel"))
 
     def commands(self):
         text = run(os.path.join(BUILD, "kincal"), "--help").split("Subcommands:")[1].split("\n\n")[0]
@@ -173,7 +199,10 @@ class Root(unittest.TestCase):
         if "kincal-images" in packages:
             inside("apt-get install -qy --no-install-recommends /tmp/kincal-images_*.deb; cd /srv/examples/arm; "
                    "kincal detect rig.yaml images --joints joints.csv --out /srv/arm.jsonl; kincal calibrate rig.yaml /srv/arm.jsonl --out /srv/arm")
-        inside("apt-get purge -qy 'kincal*' libkincal-dev; test ! -e /usr/bin/kincal; test ! -e /usr/include/kincal")
+        if "python3-kincal" in packages:
+            inside("apt-get install -qy --no-install-recommends /tmp/python3-kincal_*.deb; cd /srv/examples/pr2; "
+                   "python3 -c \"import kincal; assert kincal.calibrate('rig.yaml', 'samples.jsonl').use == 'good'\"")
+        inside("apt-get purge -qy 'kincal*' '*-kincal' libkincal-dev; test ! -e /usr/bin/kincal; test ! -e /usr/include/kincal")
 
 
 if __name__ == "__main__":

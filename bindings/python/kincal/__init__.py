@@ -1,0 +1,16 @@
+"""kincal calibrates robots: arms, heads, cameras, lasers, trackers, all at once.
+
+    result = kincal.calibrate("rig.yaml", "samples.jsonl")
+    print(result)
+    result.save("result")
+
+Files of the program come in as paths, or as dicts and numpy arrays with the same keys; docs/python.md tells more.
+"""
+from ._data import Rig, Samples
+from ._errors import InputError, StartError
+from ._kincal import __version__
+from ._result import Check, Compensated, Evaluation, Parameter, Residuals, Result
+from ._run import Progress, Simulation, calibrate, check, detect, evaluate, simulate
+
+__all__ = ["Check", "Compensated", "Evaluation", "InputError", "Parameter", "Progress", "Residuals", "Result", "Rig", "Samples", "Simulation",
+           "StartError", "__version__", "calibrate", "check", "detect", "evaluate", "simulate"]

@@ -1,0 +1,128 @@
+"""The commands."""
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+
+from . import _kincal
+from ._data import Path, Rig, Samples, as_rig, as_samples, here, plain
+from ._errors import InputError
+from ._result import Check, Evaluation, Result
+
+RigLike = Union[Rig, Path, Mapping[str, Any]]
+SamplesLike = Union[Samples, Path, Iterable[Mapping[str, Any]]]
+Names = Union[str, Sequence[str]]
+
+
+class Progress(NamedTuple):
+    """How far the work is. What a listener raises ends the work and is passed on."""
+    what: str               # the stage, or the step
+    share: Optional[float]  # of the stage that is done, None: that cannot be told
+    iteration: int          # that ended; 0: a step begins; -1: it is a stage
+    chi2: Optional[float]   # after that iteration
+
+
+Listener = Callable[[Progress], Any]
+
+
+def _told(progress: Optional[Listener]) -> Any:
+    return None if progress is None else lambda *news: progress(Progress(*news))
+
+
+def _settings(options: Optional[Mapping[str, Any]], keywords: Mapping[str, Any]) -> Dict[str, Any]:
+    return {**(options or {}), **{k: v for k, v in keywords.items() if v is not None}}
+
+
+def calibrate(rig: RigLike, samples: SamplesLike, options: Optional[Mapping[str, Any]] = None, *, noise: Optional[str] = None,
+              free: Optional[Names] = None, fix: Optional[Names] = None, step: Optional[str] = None, group: Optional[Names] = None,
+              no_group: Optional[Names] = None, holdout: Optional[int] = None, cross_validate: Optional[int] = None,
+              restarts: Optional[int] = None, report_frame: Optional[Names] = None, require: Optional[Names] = None,
+              reject: Optional[bool] = None, estimate_noise: Optional[bool] = None, no_report: Optional[bool] = None,
+              write_reduction: Optional[bool] = None, iterations: Optional[int] = None, threads: Optional[int] = None,
+              linear_solver: Optional[str] = None, progress: Optional[Listener] = None) -> Result:
+    """Calibrates: as `kincal calibrate`, whose options these are, by keyword or in the mapping `options` (a keyword goes before).
+    Raises InputError, and StartError where no calibration can start; any other end is a Result whose `status` says so."""
+    given = _settings(options, {k: v for k, v in locals().items() if k not in ("rig", "samples", "options", "progress")})
+    one, told = as_rig(rig), _told(progress)
+    logged = as_samples(samples)
+    command = "kincal.calibrate(%s)" % ", ".join([repr(one.path), repr(logged.path)] + ["%s=%r" % item for item in given.items()])
+    return Result(_kincal.calibrate(one._rig, logged.of(one, told), given, command, told))
+
+
+def check(rig: RigLike, samples: SamplesLike, *, noise: Optional[str] = None, threads: Optional[int] = None, compare: bool = False,
+          progress: Optional[Listener] = None) -> Check:
+    """Looks for the usual mistakes in rig and samples: as `kincal check --json`."""
+    one, told = as_rig(rig), _told(progress)
+    return Check(_kincal.check(one._rig, as_samples(samples).of(one, told), _settings(None, {"noise": noise, "threads": threads}), compare, told))
+
+
+def evaluate(rig: RigLike, samples: SamplesLike, *, free: Optional[Names] = None, noise: Optional[str] = None,
+             progress: Optional[Listener] = None) -> Evaluation:
+    """Residuals at the rig's own values, of a result's rig for example: as `kincal evaluate --json`."""
+    one, told = as_rig(rig), _told(progress)
+    return Evaluation(_kincal.evaluate(one._rig, as_samples(samples).of(one, told), _settings(None, {"noise": noise, "free": free}), told))
+
+
+class Simulation(NamedTuple):
+    """Samples of a simulated robot; what it really is, as truth.json; what is not seen."""
+    samples: Samples
+    truth: Any
+    warnings: List[str]
+
+
+def simulate(rig: RigLike, samples: int, seed: int, *, spread: Optional[Mapping[str, float]] = None,
+             truth: Union[Path, Mapping[str, Any], None] = None, postures: Union[Path, Iterable[Mapping[str, Any]], None] = None,
+             progress: Optional[Listener] = None) -> Simulation:
+    """Samples with known truth and noise: as `kincal simulate`. `spread` are sigmas by name or glob."""
+    one = as_rig(rig)
+    if spread and truth is not None:
+        raise InputError("spread: the truth is given; only one of both can be")
+    for name, value, low, high in (("samples", samples, 1, 1_000_000), ("seed", seed, 0, 1 << 62)):
+        if not isinstance(value, int) or not low <= value <= high:
+            raise InputError("%s: %r is no integer in %d .. %d" % (name, value, low, high))
+    files: Dict[str, Tuple[str, str]] = {}
+    if isinstance(truth, Mapping):
+        files["truth"] = ("truth", json.dumps(plain(truth, "truth"), indent=1, ensure_ascii=False))
+    elif truth is not None:
+        files["truth"] = (os.fspath(truth), _kincal.read_file(os.fspath(truth)))
+    if postures is not None:
+        stored = as_samples(postures)
+        files["postures"] = (stored.path if stored.path != "samples" else "postures", stored.text)
+    text, true, warnings = _kincal.simulate(one._rig, samples, seed, [(k, float(v)) for k, v in (spread or {}).items()], files, _told(progress))
+    if not text:
+        raise InputError("simulate: no sample is left: no posture has a view that is possible")
+    return Simulation(Samples.from_text(text, "simulated"), json.loads(true), list(warnings))
+
+
+def detect(rig: RigLike, images: Path, *, joints: Optional[Path] = None, sigma: bool = False,
+           options: Sequence[str] = ()) -> Samples:
+    """Finds the rig's boards in images (a folder, a pattern, a file; or a samples.jsonl whose views have an `image`): runs the program kincal-detect (of the package kincal-images), which needs
+    OpenCV. `options` are more of its switches."""
+    program = here("kincal-detect") or shutil.which("kincal-detect")
+    if program is None:
+        raise FileNotFoundError("kincal-detect is neither beside this package nor on PATH; Debian has it in the package kincal-images")
+    one = as_rig(rig)
+    with tempfile.TemporaryDirectory(prefix="kincal_") as folder:
+        out, path = os.path.join(folder, "samples.jsonl"), one.path
+        if not os.path.isfile(path) or _kincal.read_file(path) != one.text:
+            entries, path = one.to_dict(), os.path.join(folder, "rig.yaml")
+            if isinstance(entries["robot"], str):
+                entries["robot"] = "robot.urdf"
+                _kincal.write_file(os.path.join(folder, "robot.urdf"), one.urdf, True)
+            _kincal.write_file(path, json.dumps(entries, indent=1, ensure_ascii=False), True)
+        command = [program, path, os.fspath(images), "--out", out, *options]
+        command += (["--joints", os.fspath(joints)] if joints is not None else []) + (["--sigma"] if sigma else [])
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
+        if done.returncode != 0:
+            errors = [line.split("error: ", 1)[1] for line in done.stderr.splitlines() if "error: " in line]
+            raise InputError("\n".join(errors) or done.stderr.strip())
+
+        def from_here(image: "re.Match[str]") -> str:  # else they are relative to the folder that is gone
+            return '"image":' + json.dumps(os.path.relpath(os.path.join(os.path.realpath(folder), json.loads(image[1]))), ensure_ascii=False)
+
+        return Samples.from_text(re.sub(r'"image":("(?:[^"\\]|\\.)*")', from_here, _kincal.read_file(out)), "detected")
