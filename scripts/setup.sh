@@ -61,8 +61,8 @@ configure() {
   local tests=$1 had=
   [[ ! -f $build/build.ninja ]] || had=$(sed -n 's/^KINCAL_TESTS:[A-Z]*=//p' "$build/CMakeCache.txt")
   [[ $had != ON ]] || tests=ON
-  # ninja itself runs CMake again when its files have changed; OpenCV may have been installed since.
-  if [[ $had == "$tests" ]] && grep -q kincal-detect "$build/build.ninja"; then
+  # ninja itself runs CMake again when its files have changed; OpenCV and pybind11 may have been installed since.
+  if [[ $had == "$tests" ]] && grep -q kincal-detect "$build/build.ninja" && { [[ $tests == OFF ]] || grep -q kincal_python "$build/build.ninja"; }; then
     return 0
   fi
   quietly "Configuring" cmake --preset release -DKINCAL_TESTS="$tests"

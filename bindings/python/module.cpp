@@ -25,10 +25,40 @@
 namespace py = pybind11;
 
 namespace kincal {
+
+/// A Text is what stands in a file, or its path: bytes that are no UTF-8 come and go as Python has
+/// them (surrogateescape).
+struct Text : std::string {
+  Text() = default;
+  Text(std::string text) : std::string(std::move(text)) {}
+};
+
+}  // namespace kincal
+
+namespace pybind11::detail {
+template <>
+struct type_caster<kincal::Text> {
+  PYBIND11_TYPE_CASTER(kincal::Text, const_name("str"));
+
+  bool load(handle source, bool) {
+    if (!PyUnicode_Check(source.ptr())) return false;
+    const auto bytes = reinterpret_steal<object>(
+        PyUnicode_AsEncodedString(source.ptr(), "utf-8", "surrogateescape"));
+    if (!bytes) throw error_already_set();
+    value = kincal::Text(bytes.cast<std::string>());
+    return true;
+  }
+  static handle cast(const kincal::Text& text, return_value_policy, handle) {
+    return PyUnicode_DecodeUTF8(text.data(), static_cast<ssize_t>(text.size()), "surrogateescape");
+  }
+};
+}  // namespace pybind11::detail
+
+namespace kincal {
 namespace {
 
 using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Texts = std::map<std::string, std::string>;
+using Texts = std::map<std::string, Text>;
 
 /// A PyRig is a rig as read, with its parameters.
 struct PyRig {
@@ -237,21 +267,19 @@ CalibrateSettings settings_of(const py::dict& given, const std::string& command)
 
 // ------------------------------------------------------------------------------------------------
 // commands
-std::shared_ptr<PyRig> read_rig_path(const std::string& path) {
+std::shared_ptr<PyRig> read_rig_path(const Text& path) {
   return std::make_shared<PyRig>(read_rig(path));
 }
 
-std::shared_ptr<PyRig> parse_rig_texts(const std::string& text, const std::string& path,
-                                       const std::optional<std::string>& urdf,
-                                       const std::string& urdf_path) {
+std::shared_ptr<PyRig> parse_rig_texts(const Text& text, const Text& path,
+                                       const std::optional<Text>& urdf, const Text& urdf_path) {
   if (!urdf) return std::make_shared<PyRig>(parse_rig(text, path));
   const Urdf robot = parse_urdf(*urdf, urdf_path);
   return std::make_shared<PyRig>(parse_rig(text, path, &robot));
 }
 
-std::shared_ptr<PySamples> parse_sample_text(const std::shared_ptr<PyRig>& rig,
-                                             const std::string& text, const std::string& path,
-                                             const py::object& progress) {
+std::shared_ptr<PySamples> parse_sample_text(const std::shared_ptr<PyRig>& rig, const Text& text,
+                                             const Text& path, const py::object& progress) {
   return std::make_shared<PySamples>(PySamples{rig, released(progress, [=](const Progress& told) {
                                                  return parse_sample_set(text, path, rig->file.rig,
                                                                          told);
@@ -266,8 +294,7 @@ struct Done {
 };
 
 py::dict calibrate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
-                       const py::dict& given, const std::string& command,
-                       const py::object& progress) {
+                       const py::dict& given, const Text& command, const py::object& progress) {
   const CalibrateSettings settings = settings_of(given, command);
   const Done done = released(progress, [=](const Progress& told) {
     Job job = make_job(rig->file, samples->set, settings);
@@ -285,7 +312,7 @@ py::dict calibrate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<
     const std::string why = found ? with_id(report.diagnosis->findings[0]) +
                                         "\nSo no calibration can start: " + report.solution.message
                                   : report.solution.message;
-    raise("StartError", py::str(why));
+    raise("StartError", py::cast(Text(why)));
   }
   const ReportedCovariance covariance = reported_covariance(report.solution);
   py::list judgements;
@@ -312,7 +339,7 @@ py::dict calibrate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<
 
 py::dict check_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
                    const py::dict& given, bool compare, const py::object& progress) {
-  const CalibrateSettings settings = settings_of(given, "");
+  const CalibrateSettings settings = settings_of(given, {});
   struct Made {
     CheckedJob job;
     ResultFiles files;
@@ -337,7 +364,7 @@ py::dict check_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySa
 
 py::dict evaluate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
                       const py::dict& given, const py::object& progress) {
-  const CalibrateSettings settings = settings_of(given, "");
+  const CalibrateSettings settings = settings_of(given, {});
   struct Made {
     EvaluatedJob job;
     ResultFiles files;
@@ -360,7 +387,7 @@ py::dict evaluate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<P
 
 py::tuple simulate_rig(const std::shared_ptr<PyRig>& rig, int samples, std::uint64_t seed,
                        const std::vector<std::pair<std::string, double>>& spread,
-                       const std::map<std::string, std::pair<std::string, std::string>>& files,
+                       const std::map<std::string, std::pair<Text, Text>>& files,
                        const py::object& progress) {
   SimulateSettings settings;
   settings.samples = samples;
@@ -381,8 +408,8 @@ py::tuple simulate_rig(const std::shared_ptr<PyRig>& rig, int samples, std::uint
   const SimulatedJob job = released(
       progress, [=](const Progress& told) { return simulate_samples(rig->file, settings, told); });
   const Rig& of = rig->file.rig;
-  return py::make_tuple(samples_text(of, job.simulation.samples),
-                        truth_text(of, job.table, job.simulation), job.warnings);
+  return py::make_tuple(Text(samples_text(of, job.simulation.samples)),
+                        Text(truth_text(of, job.table, job.simulation)), job.warnings);
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -478,24 +505,25 @@ py::dict describe(const PyRig& rig) {
   py::list joints, parameters, frames, still;
   py::dict sensors, targets;
   for (const Joint& joint : of.tree.joints)
-    if (joint.has_reading()) joints.append(joint.name);
+    if (joint.has_reading()) joints.append(Text(joint.name));
   for (const Sensor& sensor : of.sensors) sensors[py::str(sensor.name)] = sensor.type;
   for (const Target& target : of.targets) targets[py::str(target.name)] = target.type;
   for (const Parameter& p : rig.table.all)
-    if (!p.hidden()) parameters.append(py::make_tuple(p.name, p.components, p.units));
-  for (const Frame& frame : all_frames(of, rig.table)) frames.append(frame.name);
-  for (const Frame& frame : still_frames(of, rig.table)) still.append(frame.name);
+    if (!p.hidden()) parameters.append(Text(p.name));
+  for (const Frame& frame : all_frames(of, rig.table)) frames.append(Text(frame.name));
+  for (const Frame& frame : still_frames(of, rig.table)) still.append(Text(frame.name));
   py::dict out;
-  out["robot"] = rig.file.urdf.robot;
-  out["base"] = of.tree.links[of.base];
-  out["links"] = of.tree.links;
+  out["robot"] = Text(rig.file.urdf.robot);
+  out["base"] = Text(of.tree.links[of.base]);
+  out["links"] = std::vector<Text>(of.tree.links.begin(), of.tree.links.end());
   out["joints"] = joints;
   out["sensors"] = sensors;
   out["targets"] = targets;
   out["parameters"] = parameters;
   out["frames"] = frames;
   out["still"] = still;
-  out["warnings"] = rig.file.urdf.warnings;
+  const std::vector<std::string>& warnings = rig.file.urdf.warnings;
+  out["warnings"] = std::vector<Text>(warnings.begin(), warnings.end());
   return out;
 }
 
@@ -504,13 +532,13 @@ void translate(std::exception_ptr thrown) {
     if (thrown) std::rethrow_exception(thrown);
   } catch (const InputError& error) {
     try {
-      raise("InputError", py::str(error.what()));
+      raise("InputError", py::cast(Text(error.what())));
     } catch (py::error_already_set& set) {
       set.restore();
     }
   } catch (const std::invalid_argument& error) {
     try {
-      raise("InputError", py::str(error.what()));
+      raise("InputError", py::cast(Text(error.what())));
     } catch (py::error_already_set& set) {
       set.restore();
     }
@@ -525,13 +553,14 @@ PYBIND11_MODULE(_kincal, m) {
   m.doc() = "What the package kincal is made of; its functions are no interface.";
   m.attr("__version__") = KINCAL_VERSION;
   keep_memory();
+  pthread_atfork(nullptr, nullptr, [] { at_work = 0; });
   py::register_local_exception_translator(translate);
   py::module_::import("atexit").attr("register")(py::cpp_function(wait_at_exit));
   py::class_<PyRig, std::shared_ptr<PyRig>>(m, "Rig")
-      .def_property_readonly("path", [](const PyRig& rig) { return rig.file.path; })
-      .def_property_readonly("text", [](const PyRig& rig) { return rig.file.text; })
-      .def_property_readonly("urdf_path", [](const PyRig& rig) { return rig.file.urdf.path; })
-      .def_property_readonly("urdf", [](const PyRig& rig) { return rig.file.urdf.text; })
+      .def_property_readonly("path", [](const PyRig& rig) { return Text(rig.file.path); })
+      .def_property_readonly("text", [](const PyRig& rig) { return Text(rig.file.text); })
+      .def_property_readonly("urdf_path", [](const PyRig& rig) { return Text(rig.file.urdf.path); })
+      .def_property_readonly("urdf", [](const PyRig& rig) { return Text(rig.file.urdf.text); })
       .def_property_readonly("flange_only", [](const PyRig& rig) { return rig.file.flange_only; })
       .def("to_dict", [](const PyRig& rig) { return python_of(rig.file.node); })
       .def("describe", describe);
@@ -542,7 +571,8 @@ PYBIND11_MODULE(_kincal, m) {
         py::arg("urdf_path"));
   m.def("parse_samples", parse_sample_text, py::arg("rig"), py::arg("text"), py::arg("path"),
         py::arg("progress"));
-  m.def("read_file", read_file, py::arg("path"));
+  m.def(
+      "read_file", [](const Text& path) { return Text(read_file(path)); }, py::arg("path"));
   m.def("calibrate", calibrate_rig, py::arg("rig"), py::arg("samples"), py::arg("settings"),
         py::arg("command"), py::arg("progress"));
   m.def("check", check_rig, py::arg("rig"), py::arg("samples"), py::arg("settings"),
@@ -556,18 +586,18 @@ PYBIND11_MODULE(_kincal, m) {
   m.def("compensate", compensate_readings, py::arg("real"), py::arg("planned"), py::arg("tip_from"),
         py::arg("joints"), py::arg("values"), py::arg("position_only"));
   m.def(
-      "report_page", [](const Texts& files) { return make_page(files_of(files)); },
+      "report_page", [](const Texts& files) { return Text(make_page(files_of(files))); },
       py::arg("files"));
   m.def(
       "write_file",
-      [](const std::string& path, const std::string& text, bool force) {
+      [](const Text& path, const Text& text, bool force) {
         check_output_file(path, force);
         write_file(path, text, force);
       },
       py::arg("path"), py::arg("text"), py::arg("force"));
   m.def(
       "write_results",
-      [](const std::string& directory, const Texts& files, bool force) {
+      [](const Text& directory, const Texts& files, bool force) {
         check_output(directory, force);
         write_results(directory, files_of(files), force, nullptr);
       },

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <malloc.h>
+#include <pthread.h>
 #include <pybind11/pybind11.h>
 
 #include <atomic>
@@ -132,7 +133,8 @@ inline void keep_memory() {
 #endif
 }
 
-/// Waits for work that was given up: nothing may run while the process ends.
+/// Waits for work that was given up: nothing may run while the process ends. (A child by fork has
+/// none of the threads.)
 inline void wait_at_exit() {
   const py::gil_scoped_release release;
   while (at_work > 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));

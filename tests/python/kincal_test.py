@@ -372,6 +372,23 @@ class Errors(Folder):
         self.assertEqual((caught.exception.file, [caught.exception.line]), (path, line))
         self.assertIn("type", caught.exception.name)
 
+    def test_not_utf8(self):
+        """A robot with a comment in Latin-1, in a folder with such a name."""
+        folder = os.path.join(os.fsencode(self.dir), b"caf\xe9")
+        os.mkdir(folder)
+        with open(os.path.join(PR2, "robot.urdf"), "rb") as file:
+            urdf = file.read().replace(b"</robot>", b"<!-- caf\xe9 --></robot>")
+        with open(os.path.join(folder, b"robot.urdf"), "wb") as file:
+            file.write(urdf)
+        shutil.copy(os.path.join(PR2, "rig.yaml"), os.fsdecode(folder))
+        rig = os.path.join(os.fsdecode(folder), "rig.yaml")
+        result = kincal.calibrate(rig, self.samples)
+        result.save(os.path.join(os.fsdecode(folder), "out"))
+        with open(os.path.join(folder, b"out", b"robot.urdf"), "rb") as file:
+            self.assertIn(b"<!-- caf\xe9 -->", file.read())
+        self.assertEqual(pickle.loads(pickle.dumps(result)).urdf, result.urdf)
+        self.fails(lambda: kincal.Rig(rig + "x"), "cannot be read", file=rig + "x")
+
     def test_samples(self):
         given = [copy.deepcopy(s) for s in self.samples[:3]]
         view = next(k for k, v in enumerate(given[2]["views"]) if "pixels" in v)

@@ -85,7 +85,7 @@ class Rig:
     sensors = property(lambda self: dict(self._about["sensors"]), doc="The type of each sensor.")
     targets = property(lambda self: dict(self._about["targets"]), doc="The type of each target.")
     frames = property(lambda self: tuple(self._about["frames"]), doc="What forward() knows: links, sensor/NAME, target/NAME.")
-    parameters = property(lambda self: tuple(name for name, _, _ in self._about["parameters"]), doc="Everything that can be freed.")
+    parameters = property(lambda self: tuple(self._about["parameters"]), doc="Everything that can be freed.")
     warnings = property(lambda self: tuple(self._about["warnings"]), doc="What is odd in the URDF.")
 
     def to_dict(self) -> Any:
