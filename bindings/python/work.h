@@ -102,8 +102,7 @@ auto released(const py::object& callback, Make make) {
   using Made = decltype(make(Progress()));
   const auto work = std::make_shared<Work>(!callback.is_none());
   const auto made = std::make_shared<std::optional<Made>>();
-  ++at_work;
-  std::thread([work, made, make = std::make_unique<Make>(std::move(make))]() mutable {
+  std::thread thread([work, made, make = std::make_unique<Make>(std::move(make))]() mutable {
     try {
       made->emplace(
           (*make)(Progress([&](const Progress::News& news) { return work->tell(news); })));
@@ -118,7 +117,9 @@ auto released(const py::object& callback, Make make) {
     }
     work->changed.notify_all();
     --at_work;
-  }).detach();
+  });
+  ++at_work;  // it may have ended: then both cancel out
+  thread.detach();
   wait_for(*work, callback);
   return std::move(**made);
 }
