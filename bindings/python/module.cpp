@@ -178,10 +178,15 @@ py::list sample_ids(const Recording& recording) {
   return out;
 }
 
-Texts texts_of(const ResultFiles& files) {
-  Texts out;
+py::object decoded(const std::string& text) {
+  return py::reinterpret_steal<py::object>(
+      PyUnicode_DecodeUTF8(text.data(), static_cast<py::ssize_t>(text.size()), "surrogateescape"));
+}
+
+py::dict texts_of(const ResultFiles& files) {
+  py::dict out;
   for (const auto& [name, text] : result_file_names())
-    if (!(files.*text).empty()) out[name] = files.*text;
+    if (!(files.*text).empty()) out[name] = decoded(files.*text);
   return out;
 }
 
@@ -527,6 +532,7 @@ py::dict describe(const PyRig& rig) {
   return out;
 }
 
+// NOLINTNEXTLINE(performance-unnecessary-value-param): pybind11 calls it so
 void translate(std::exception_ptr thrown) {
   try {
     if (thrown) std::rethrow_exception(thrown);
