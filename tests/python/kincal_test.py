@@ -420,7 +420,7 @@ class Errors(Folder):
         self.fails(lambda: result.forward({"l_elbow": 1}, "sensor/left_arm"), "is no joint with a reading; nearest: l_elbow_flex_joint", name="joints")
         self.fails(lambda: result.forward({"l_elbow_flex_joint": float("nan")}, "base_link"), "is not finite", name="joints")
         self.fails(lambda: result.forward({"l_elbow_flex_joint": [1, 2], "r_elbow_flex_joint": [1, 2, 3]}, "base_link"), "one shape", name="joints")
-        self.fails(lambda: result.propagate([[1, 2]]), "numbers are expected", name="jacobian")
+        self.fails(lambda: result.propagate([[1, 2]]), "entries are expected", name="jacobian")
         self.fails(lambda: result["joint/l_elbow/offset"], "was not estimated")
         self.fails(lambda: result.compensate({}, "base_link"), "nothing to compensate")
 

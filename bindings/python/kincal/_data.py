@@ -86,7 +86,7 @@ class Rig:
     targets = property(lambda self: dict(self._about["targets"]), doc="The type of each target.")
     frames = property(lambda self: tuple(self._about["frames"]), doc="What forward() knows: links, sensor/NAME, target/NAME.")
     parameters = property(lambda self: tuple(self._about["parameters"]), doc="Everything that can be freed.")
-    warnings = property(lambda self: tuple(self._about["warnings"]), doc="What is odd in the URDF.")
+    warnings = property(lambda self: tuple(self._about["warnings"]), doc="What kincal accepted in the URDF although it is unusual.")
 
     def to_dict(self) -> Any:
         """What stands in rig.yaml."""

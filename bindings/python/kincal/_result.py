@@ -19,7 +19,7 @@ from ._errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A parameter that was estimated. Arrays have a number a component; poses are increments [v | w] from the initial pose."""
+    """A parameter that was estimated. Arrays have one entry a component; poses are increments [v | w] from the initial pose."""
     name: str
     components: Tuple[str, ...]
     units: Tuple[str, ...]
@@ -175,7 +175,7 @@ class Result(Found):
         not determine makes NaN of all that depends on it."""
         j = numpy.atleast_2d(numpy.asarray(jacobian, dtype=float))
         if j.ndim != 2 or j.shape[1] != len(self.components):
-            raise InputError("jacobian: rows of %d numbers are expected (one a component), not an array of shape %s" % (len(self.components), j.shape))
+            raise InputError("jacobian: rows of %d entries are expected, one a component, not an array of shape %s" % (len(self.components), j.shape))
         if not numpy.isfinite(j).all():
             raise InputError("jacobian: a number is not finite")
         known = numpy.isfinite(numpy.diag(self.covariance))
@@ -222,6 +222,6 @@ class Result(Found):
                 for c, u, i, v, s in zip(p.components, p.units, p.initial, p.value, p.sigma)]
         rows.sort(key=lambda row: -abs(row[2] / row[3]) if row[3] > 0 else 0)
         lines = ["  %-44s %+.5g ± %.2g %s" % (c, d, s, u) for c, u, d, s in rows[:10]]
-        head = "<kincal.Result: %s\n chi2 %.6g, %d degrees of freedom; %d numbers estimated; changes that are largest in sigmas:\n" % (
+        head = "<kincal.Result: %s\n chi2 %.6g, %d degrees of freedom; %d components estimated; changes that are largest in sigmas:\n" % (
             self._json["verdict"]["text"], self.chi2, self.dof, len(rows))
         return head + "\n".join(lines) + ">"
