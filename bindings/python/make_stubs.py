@@ -22,7 +22,7 @@ def signature(text):
         line = re.sub(r"\b%s\[" % name, "typing.%s[" % name, line)
     line = re.sub(r"(: |-> )(dict|list|tuple)\b(?!\[)", lambda m: m[1] + {"dict": "typing.Dict[typing.Any, typing.Any]", "list": "typing.List[typing.Any]",
                                                                        "tuple": "typing.Tuple[typing.Any, ...]"}[m[2]], line)
-    return line.replace("object", "typing.Any").replace("(self: Rig", "(self").replace("(self: Samples", "(self").replace("(arg0: Rig", "(self")
+    return re.sub(r"\((?:self|arg0): (?:Rig|Samples|Monitor)\b", "(self", line.replace("object", "typing.Any"))
 
 
 lines = ["# Made by make_stubs.py.", "import typing", "import numpy", "import numpy.typing", "", "__version__: str", ""]
@@ -34,7 +34,7 @@ for name, value in sorted(vars(module).items()):
             if isinstance(entry, property):
                 kind = signature(entry.fget.__doc__).split("-> ")[1]
                 lines += ["    @property", "    def %s(self) -> %s: ..." % (member, kind)]
-            elif member not in ("__init__", "__new__") and callable(entry) and (entry.__doc__ or "").startswith(member + "("):
+            elif member != "__new__" and callable(entry) and (entry.__doc__ or "").startswith(member + "("):
                 lines.append("    def %s: ..." % signature(entry.__doc__))
     elif callable(value):
         functions.append("def %s: ..." % signature(value.__doc__))

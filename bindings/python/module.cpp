@@ -13,6 +13,7 @@
 #include "../../io/job/check.h"
 #include "../../io/job/job.h"
 #include "../../io/job/simulate.h"
+#include "../../io/job/watch.h"
 #include "../../io/results/csv.h"
 #include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
@@ -69,6 +70,13 @@ struct PyRig {
 struct PySamples {
   std::shared_ptr<const PyRig> rig;
   SampleSet set;
+};
+
+/// A PyMonitor is a robot that is watched; one thread at a time shows it samples.
+struct PyMonitor {
+  PyMonitor(const Text& path, double every) : watch(read_calibrated(path), MonitorOptions{every}) {}
+  Watch watch;
+  std::mutex mutex;
 };
 
 /// Raises an exception of the package.
@@ -289,6 +297,16 @@ std::shared_ptr<PySamples> parse_sample_text(const std::shared_ptr<PyRig>& rig, 
                                                  return parse_sample_set(text, path, rig->file.rig,
                                                                          told);
                                                })});
+}
+
+/// Shows samples, of which `text` has one a line, and returns what the program prints of each.
+std::vector<Text> show_samples(PyMonitor& monitor, const Text& text, const Text& path) {
+  const py::gil_scoped_release released;
+  const std::lock_guard<std::mutex> lock(monitor.mutex);
+  std::vector<Text> out;
+  for (const Sample& sample : parse_samples(text, path, monitor.watch.rig()))
+    out.push_back(monitor.watch.show(sample).json);
+  return out;
 }
 
 /// A finished calibration.
@@ -572,6 +590,12 @@ PYBIND11_MODULE(_kincal, m) {
       .def("describe", describe);
   py::class_<PySamples, std::shared_ptr<PySamples>>(m, "Samples")
       .def("__len__", [](const PySamples& samples) { return samples.set.samples->size(); });
+  py::class_<PyMonitor>(m, "Monitor")
+      .def(py::init<const Text&, double>(), py::arg("path"), py::arg("every"))
+      .def("show", show_samples, py::arg("text"), py::arg("path"))
+      .def("found", [](const PyMonitor& monitor) { return Text(monitor.watch.found().dump()); })
+      .def("noise", [](const PyMonitor& monitor) { return Text(monitor.watch.noise().dump()); })
+      .def("summary", [](const PyMonitor& monitor) { return Text(monitor.watch.summary()); });
   m.def("read_rig", read_rig_path, py::arg("path"));
   m.def("parse_rig", parse_rig_texts, py::arg("text"), py::arg("path"), py::arg("urdf"),
         py::arg("urdf_path"));

@@ -30,17 +30,17 @@ constexpr double kRounding = 1e-10;      // of derivatives, over the largest
 // or worse tells nothing of how a sensor fits.
 constexpr double kUnexpected = 1e-3;
 
-/// A Kind is a part of a sensor's noise (SensorModel::noise_parts()); sensor -1: the readings of a
-/// joint.
-using Kind = std::pair<int, int>;
+/// A NoiseOf is a part of a sensor's noise (SensorModel::noise_parts()); sensor -1: the readings of
+/// a joint.
+using NoiseOf = std::pair<int, int>;
 
 /// Part of a sample's equations: rows of a sensor (or -1, priors of joint errors), over the private
 /// unknowns, all columns, and the residual.
 struct Equations {
-  MatrixXd rows;           // [J_private J r]
-  std::vector<Kind> kind;  // by row
+  MatrixXd rows;              // [J_private J r]
+  std::vector<NoiseOf> kind;  // by row
   int private_size = 0;
-  std::map<Kind, std::pair<double, double>> rest;  // chi2 and dof of the noise alone
+  std::map<NoiseOf, std::pair<double, double>> rest;  // chi2 and dof of the noise alone
 };
 
 /// Returns the rows without private unknowns, [J r]: Q' of those that these leave free.
@@ -76,8 +76,27 @@ void check(const Rig& rig, const Sample& sample) {
     for (const int id : view.ids)
       if (id < 0 || id >= rig.targets[view.target].count())
         fail(where + "ids: the target has no such point");
+    const Sensor& sensor = rig.sensors[view.sensor];
+    const Target& target = rig.targets[view.target];
+    const auto points = static_cast<int>(view.ids.size());
+    const size_t expected = static_cast<size_t>(sensor.model->blocks(points)) *
+                            static_cast<size_t>(sensor.model->measurement_size());
+    if (view.z.size() != expected)
+      fail(where + "z: " + std::to_string(expected) + " numbers are expected");
     for (const double z : view.z)
       if (!std::isfinite(z)) fail(where + "z: a number is not finite");
+    if (view.covariance.empty() && view.sigma.size() != static_cast<size_t>(sensor.model->sigmas()))
+      fail(where + "sigma: " + std::to_string(sensor.model->sigmas()) + " numbers are expected");
+    for (const double sigma : view.sigma)
+      if (!(sigma > 0) || !std::isfinite(sigma)) fail(where + "sigma: it is positive");
+    const int behind = target.link < 0 ? rig.base : target.link;
+    for (const PathStep& step : find_path(rig.tree, sensor.link, behind)) {
+      const int joint = driver(rig.tree, step.joint).joint;
+      if (rig.tree.joints[joint].drives() && joint != sensor.scanning_joint &&
+          !std::isfinite(sample.readings[joint]))
+        fail("readings: '" + rig.tree.joints[joint].name + "' has none, which " + sensor.name +
+             "'s view needs");
+    }
   }
 }
 
@@ -189,8 +208,8 @@ struct Monitor::Parts {
   VectorXd values;
   EstimationSetup setup;
   std::vector<Component> columns;
-  std::unique_ptr<DriftTest> test;
-  std::map<Kind, NoiseFactor> noise;  // of the noise alone
+  std::unique_ptr<DriftWatch> test;
+  std::map<NoiseOf, NoiseFactor> noise;  // of the noise alone
   long samples = 0, outliers = 0;
   std::optional<Pending> pending;
   bool drifting = false;  // the sample before was one
@@ -201,7 +220,7 @@ struct Monitor::Parts {
   /// What a sample says of each sensor and each kind of noise.
   struct Expected {
     std::vector<SensorInnovation> sensors;
-    std::map<Kind, NoiseFactor> noise;
+    std::map<NoiseOf, NoiseFactor> noise;
   };
   Expected expected(const Equations& of, const MatrixXd& rows) const;
 };
@@ -264,9 +283,9 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     }
     drift.push_back(std::move(of));
   }
-  test = std::make_unique<DriftTest>(moves * known * moves.transpose(), std::move(drift),
-                                     options.samples_between_alarms,
-                                     static_cast<int>(columns.size()) + 1);
+  test = std::make_unique<DriftWatch>(moves * known * moves.transpose(), std::move(drift),
+                                      options.samples_between_alarms,
+                                      static_cast<int>(columns.size()) + 1);
 }
 
 /// Makes the equations of a sample; false, and why, where they are not defined.
@@ -310,7 +329,7 @@ bool Monitor::Parts::equations(const Sample& sample, Equations& out, std::string
   if (std::any_of(kinds.begin(), kinds.end(), scans)) problem.explicit_rows(0, state, all_rows);
   out.rows.setZero(rows.rows() + all_rows.rows(), shape.private_size + n + 1);
   Index used = 0;
-  const auto take = [&](const auto& row, const Kind& kind) {
+  const auto take = [&](const auto& row, const NoiseOf& kind) {
     out.rows.row(used).head(shape.private_size) = row.head(shape.private_size);
     for (size_t c = 0; c < shape.columns.size(); ++c)
       out.rows(used, shape.private_size + shape.columns[c]) =
@@ -321,7 +340,7 @@ bool Monitor::Parts::equations(const Sample& sample, Equations& out, std::string
   };
   int residual = 0;  // of all rows: the first of this kind
   for (const NoiseRows& kind : kinds) {
-    const Kind of(kind.view ? kind.view->sensor : -1, kind.view ? kind.part : kind.joint);
+    const NoiseOf of(kind.view ? kind.view->sensor : -1, kind.view ? kind.part : kind.joint);
     if (scans(kind)) {
       // Its derivatives are taken at what was measured: what distinguishes columns that are nearly
       // alike comes from the noise, and a triangle of them is not what no parameter changes.
@@ -385,7 +404,7 @@ Monitor::Parts::Expected Monitor::Parts::expected(const Equations& of, const Mat
   Expected out;
   std::map<int, std::vector<int>> places;
   for (Index i = 0; i < rows.rows(); ++i) {
-    const Kind& kind = of.kind[i];
+    const NoiseOf& kind = of.kind[i];
     if (kind.first >= 0) places[kind.first].push_back(static_cast<int>(i));
     const auto found = noise.find(kind);
     const double variance = found == noise.end() ? 1 : found->second.variance();
@@ -488,8 +507,11 @@ Innovation Monitor::add(const Sample& sample) {
   } else {
     p.pending.reset();
     p.drifting = false;
-    p.test->take(true, number);
     for (const auto& [kind, more] : seen.noise) p.noise[kind].add(more.squares, more.residuals);
+    // With what it says of the noise itself: else the first samples of a noisier robot are a drift.
+    const MatrixXd again = compressed(without_privates(p.scaled(e), e.private_size));
+    p.test->look(again.leftCols(n), -again.col(n));
+    p.test->take(true, number);
   }
   out.log_odds = p.test->log_statistic();
   out.alarm = p.test->alarm();

@@ -9,12 +9,12 @@
 //     derivatives depend on the noise);
 //   - what only the sample's own unknowns change, which says nothing;
 //   - the rest, y = J d + e: how all parameters differ from the calibrated values. Its innovation
-//     (drift_test.h) has the covariance of the noise, of the joints' readings and of what is left
+//     (drift_watch.h) has the covariance of the noise, of the joints' readings and of what is left
 //     uncertain by the calibration and the samples before.
 // Each kind of noise, of a part of a sensor or of a joint's readings, has a factor over the stated
 // one, that of all samples so far; it begins at 1, as if kNoiseKnown residuals had been seen.
 // A sample is an outlier where one of these parts is larger than by chance in kOutlier of all
-// samples. One outlier is left out. From the second in a row on the drift test counts them, the
+// samples. One outlier is left out. From the second in a row on the drift watch counts them, the
 // first too: outliers come alone, and what has moved stays there. The estimate is not changed by
 // any. Where outliers raise the alarm and the likeliest group leaves them outliers, it is no drift:
 // they are unexplained.
@@ -29,7 +29,7 @@
 #include <vector>
 
 #include "../rig/recording.h"
-#include "drift_test.h"
+#include "drift_watch.h"
 
 namespace kincal {
 
@@ -69,7 +69,7 @@ struct Innovation {
   std::string why;  // undefined
   double chi2 = 0, dof = 0, probability = 1;
   std::vector<SensorInnovation> sensors;
-  double log_odds = 0;       // log R of the drift test
+  double log_odds = 0;       // log R of the drift watch
   bool alarm = false;        // something has moved; Monitor::moved() says what
   bool unexplained = false;  // outliers in a row, and no group that moved explains them
 };

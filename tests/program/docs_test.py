@@ -263,7 +263,7 @@ def check_snippet(source, binary):
 
 def check_sensor(source, binary):
     build = os.path.dirname(os.path.abspath(binary))
-    libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("core", "solver", "kinematics")]
+    libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("models", "core", "solver", "kinematics")]
     if not all(map(os.path.exists, libraries)):
         return "the sensor was not compiled (no libraries beside the program)"
     values = cache(build)
@@ -297,6 +297,34 @@ def check_sensor(source, binary):
     return "the sensor was compiled"
 
 
+def check_on_board(source, binary):
+    """The program of on-a-robot.md, with the library core alone, prints what the page shows; core.h needs neither exceptions nor run-time types."""
+    build = os.path.dirname(os.path.abspath(binary))
+    libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("core", "solver", "kinematics")]
+    if not all(map(os.path.exists, libraries)):
+        return "the program on board was not compiled (no libraries beside the program)"
+    path = os.path.join(source, "docs", "on-a-robot.md")
+    found = blocks(path)
+    code, plain = ([lines for info, _, lines in found if info == kind] for kind in ("cpp", ""))
+    if len(code) != 1 or len(plain) != 1:
+        fail(path, "one block of C++ and one of output are expected")
+        return ""
+    with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
+        for name, lines in (("main.cpp", code[0]), ("plain.cpp", ["#include <kincal/core.h>", "#include <kincal/extend.h>"])):
+            with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
+                file.write("\n".join(lines) + "\n")
+        command = [*compiler(cache(build)), "-I", os.path.join(build, "include")]
+        for more in (["-fno-exceptions", "-fno-rtti", "-fsyntax-only", "plain.cpp"], ["-O2", "main.cpp", *libraries, "-lpthread", "-ldl", "-o", "main"], None):
+            done = subprocess.run(command + more if more else [os.path.join(scratch, "main")], cwd=scratch, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=900)
+            output = done.stdout.decode(errors="replace").rstrip("\n")
+            if done.returncode:
+                fail(path, f"{' '.join(more or ['main'])} ends with {done.returncode}:\n" + output[:3000])
+                return ""
+        if output != "\n".join(plain[0]):
+            fail(path, "the program prints another output than the document shows:\n" + output)
+    return "the program on board was compiled"
+
+
 def main():
     if len(sys.argv) != 3:
         sys.exit(__doc__)
@@ -313,7 +341,7 @@ def main():
         links += check_links(example, source)
     check_options(source, binary)
     check_warnings(source)
-    compiled = f"{check_snippet(source, binary)}, {check_sensor(source, binary)}"
+    compiled = f"{check_snippet(source, binary)}, {check_sensor(source, binary)}, {check_on_board(source, binary)}"
     for line in failures:
         print(line)
     print(f"{count} commands, {links} links, {compiled}; {len(failures)} failures")

@@ -2,7 +2,7 @@
 
 Installs the build into a temporary prefix, then configures, builds and runs the project in tests/consumer (copied away) against
 it with find_package: an embedding of 40 lines and a sensor type of an outside project. Proves that the installed files are
-complete, with four public headers and what these need, and name nothing of the source or build tree; each public header compiles by
+complete, with five public headers and what these need, and name nothing of the source or build tree; each public header compiles by
 itself; and (with KINCAL_SLOW, for it takes a minute and a half) that the embedded library gives the same numbers as the installed program,
 and that a sensor of one's own recovers a planted truth. It does not prove that the package works on another system.
 """
@@ -52,7 +52,7 @@ def main():
         installed = sorted(os.path.relpath(os.path.join(d, f), prefix) for d, _, files in os.walk(prefix) for f in files)
         headers = [n for n in installed if n.endswith(".h")]
         public = [n for n in headers if not n.startswith("include/kincal/detail/")]
-        check(public == ["include/kincal/%s.h" % name for name in ("extend", "files", "kincal", "solver")], "public headers: %s" % public)
+        check(public == ["include/kincal/%s.h" % name for name in ("core", "extend", "files", "kincal", "solver")], "public headers: %s" % public)
         check(os.path.join("bin", "kincal") in installed, "the program is not installed")
         check([f for f in installed if f.endswith("kincalConfig.cmake")], "kincalConfig.cmake is not installed")
         check(not [f for f in installed if f.endswith((".cpp", "_test.h"))], "sources are installed: %s" % installed)

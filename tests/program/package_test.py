@@ -148,6 +148,27 @@ class Solver(Case):
         self.assertIn("unexpected: find_package(ZLIB)", self.consumer("solver", ["Eigen3", "Threads"], code=None)[0])
 
 
+class Core(Case):
+    """The library of a robot's own computer, built alone for size. It compiles for some minutes: only with KINCAL_SLOW."""
+
+    @unittest.skipUnless(os.environ.get("KINCAL_SLOW"), "scripts/test-all sets KINCAL_SLOW")
+    def test_is_small_and_asks_for_eigen(self):
+        build, program = self.path("build"), self.path("program")
+        self.configure(SOURCE_DIR, build, "-DCMAKE_BUILD_TYPE=MinSizeRel", "-DKINCAL_CORE_ONLY=ON", "-DEXPECTED=Eigen3;Threads",
+                       "-DCMAKE_PROJECT_TOP_LEVEL_INCLUDES=" + self.path("provider.cmake"))
+        run(CMAKE, "--build", build, "--parallel", "1")
+        run(CMAKE, "--install", build, "--prefix", self.prefix)
+        self.assertIn("kincal was built without its component models (KINCAL_CORE_ONLY=ON)", self.consumer("models", ["Eigen3", "Threads"], code=None)[0])
+        self.assertEqual(self.consumer("core", ["Eigen3", "Threads"])[2], {"Eigen3", "Threads"})
+        with open(os.path.join(SOURCE_DIR, "docs", "on-a-robot.md")) as f:
+            self.write("main.cpp", f.read().split("```cpp\n", 1)[1].split("```", 1)[0])
+        libraries = [os.path.join(build, "libkincal_%s.a" % name) for name in ("core", "solver", "kinematics")]
+        run(cached(BUILD_DIR, "CMAKE_CXX_COMPILER"), "-std=c++17", "-Os", "-DNDEBUG", "-s", "-I", os.path.join(build, "include"), "-I", "/usr/include/eigen3", self.path("main.cpp"),
+            *libraries, "-Wl,--gc-sections", "-lpthread", "-ldl", "-o", program)
+        self.assertIn("sensor/tracker/pose has moved since sample 6000", run(program))
+        self.assertLess(os.path.getsize(program), 1.5e6)
+
+
 class Components(Case):
     def test_each_asks_for_its_own(self):
         """The build at hand, with all its components installed."""

@@ -451,6 +451,41 @@ class Errors(Folder):
         self.assertTrue(done.stderr.startswith("kincal: error: " + str(caught.exception).split("\n")[0]), (done.stderr, str(caught.exception)))
 
 
+class Watching(Folder):
+    def test_monitor(self):
+        """The same as the program, of a result in memory and of its folder."""
+        rig = os.path.join(PR2, "rig.yaml")
+        result = kincal.calibrate(rig, os.path.join(PR2, "samples.jsonl"), no_report=True)
+        result.save(self.path("watched"))
+        later = kincal.simulate(rig, 64, 3, truth=os.path.join(PR2, "truth_values.json"), postures=os.path.join(PR2, "postures.jsonl")).samples
+        with open(self.path("later.jsonl"), "w") as file:
+            file.write(later.text)
+        told = subprocess.run([KINCAL, "monitor", self.path("watched"), self.path("later.jsonl"), "--json"], stdout=subprocess.PIPE, text=True, check=True).stdout
+        monitors = [kincal.Monitor(result), kincal.Monitor(self.path("watched"))]
+        for line, sample in zip(told.splitlines(), later):
+            for monitor in monitors:
+                self.assertEqual(monitor.add(sample), json.loads(line))
+        self.assertEqual(monitors[0].moved, [])
+        self.assertIn("64 samples, 0 outliers. Nothing has moved", repr(monitors[0]))
+        self.assertLess(abs(monitors[0].noise["narrow_left"] - 1), 0.1)
+
+    def test_mistakes(self):
+        kincal.calibrate(os.path.join(PR2, "rig.yaml"), os.path.join(PR2, "samples.jsonl"), no_report=True).save(self.path("wrong"))
+        monitor = kincal.Monitor(self.path("wrong"))
+        sample = dict(kincal.Samples(os.path.join(PR2, "samples.jsonl"))[0])
+        first = monitor.add(sample)
+        with self.assertRaises(kincal.InputError) as wrong:
+            monitor.add(dict(sample, id="two", views=[{"sensor": "nobody", "target": "small_board"}]))
+        self.assertEqual((wrong.exception.file, wrong.exception.line), ("samples", 1))
+        self.assertIn("1 samples", repr(monitor))
+        self.assertEqual(kincal.Monitor(self.path("wrong")).add(sample), first)
+        for bad in (dict(false_alarms=1), dict(false_alarms=float("nan"))):
+            with self.assertRaises(kincal.InputError):
+                kincal.Monitor(self.path("wrong"), **bad)
+        with self.assertRaises(kincal.InputError):
+            kincal.Monitor(os.path.join(PR2, "rig.yaml"))
+
+
 class Running(Folder):
     def test_progress(self):
         told = []

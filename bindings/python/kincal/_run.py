@@ -99,6 +99,42 @@ def simulate(rig: RigLike, samples: int, seed: int, *, spread: Optional[Mapping[
     return Simulation(Samples.from_text(text, "simulated"), json.loads(true), list(warnings))
 
 
+class Monitor:
+    """Watches samples of a calibrated robot, one at a time: how well each fits, and what has moved since; as `kincal monitor`. `result` is a
+    Result, or the path of its folder; `false_alarms`: so many samples lie between two false alarms, in the mean."""
+
+    def __init__(self, result: Union[Result, Path], *, false_alarms: float = 10000) -> None:
+        if not false_alarms >= 10:
+            raise InputError("false_alarms: %r is below 10" % (false_alarms,))
+        if isinstance(result, Result):
+            with tempfile.TemporaryDirectory(prefix="kincal_") as folder:
+                result.save(os.path.join(folder, "result"))
+                self._monitor = _kincal.Monitor(os.path.join(folder, "result"), false_alarms)
+        else:
+            self._monitor = _kincal.Monitor(os.fspath(result), false_alarms)
+
+    def add(self, sample: Mapping[str, Any]) -> Dict[str, Any]:
+        """What is said of a sample (docs/on-a-robot.md has the keys). A sample that is wrong is an InputError and changes nothing."""
+        one: Dict[str, Any] = json.loads(self._monitor.show(as_samples([sample]).text, "samples")[0])
+        return one
+
+    @property
+    def moved(self) -> List[List[Dict[str, Any]]]:
+        """What was named, in order: for each the groups that explain it, the likeliest first."""
+        found: List[List[Dict[str, Any]]] = json.loads(self._monitor.found())
+        return found
+
+    @property
+    def noise(self) -> Dict[str, float]:
+        """Factors of the noise over the calibration's, by sensor and joint."""
+        factors: Dict[str, float] = json.loads(self._monitor.noise())
+        return factors
+
+    def __repr__(self) -> str:
+        summary: str = self._monitor.summary()
+        return summary.rstrip()
+
+
 def detect(rig: RigLike, images: Path, *, joints: Optional[Path] = None, sigma: bool = False,
            options: Sequence[str] = ()) -> Samples:
     """Finds the rig's boards in images (a folder, a pattern, a file; or a samples.jsonl whose views have an `image`): runs the program kincal-detect (of the package kincal-images), which needs

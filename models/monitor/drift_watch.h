@@ -39,7 +39,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 /// By how much R exceeds the limit in the mean: 5 to 7 in simulations of groups of one to six
-/// columns and widths of 5 to 100 sigmas (tests/models/monitor/drift_test_test.cpp).
+/// columns and widths of 5 to 100 sigmas (tests/models/monitor/drift_watch_test.cpp).
 constexpr double kOvershoot = 5;
 
 /// A DriftGroup is what moves together: columns of the equations, and how far they usually do.
@@ -59,13 +59,13 @@ struct Moved {
   long rows = 0;           // of their equations
 };
 
-class DriftTest {
+class DriftWatch {
  public:
   /// `covariance` is P. All memory is allocated here. `most_rows`: of the equations of one sample.
   /// @throws std::invalid_argument: sizes that do not fit, a column that does not exist, a width
   /// that is not positive, a rate below 1
-  DriftTest(MatrixXd covariance, std::vector<DriftGroup> groups, double samples_between_alarms,
-            int most_rows);
+  DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups, double samples_between_alarms,
+             int most_rows);
 
   /// Looks at the equations of a sample, rows x columns and rows, already divided by the noise: at
   /// most most_rows. Returns v'S^-1 v. Allocates nothing.
@@ -97,6 +97,7 @@ class DriftTest {
   struct Start {
     long first = 0;
     double weight = 0;                  // so many start times
+    bool sure = false;                  // it was this sample
     std::vector<MatrixXd> information;  // A, by group
     std::vector<VectorXd> pull;         // b
     VectorXd mean;                      // of the filter before it

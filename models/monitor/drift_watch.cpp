@@ -1,4 +1,4 @@
-#include "drift_test.h"
+#include "drift_watch.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -11,8 +11,9 @@ namespace kincal {
 namespace {
 
 using Eigen::Index;
-using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 16, 16>;  // on the stack
-constexpr int kWidestGroup = 16;
+constexpr int kWidestGroup = 32;
+using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kWidestGroup,
+                            kWidestGroup>;  // on the stack
 constexpr double kScales[] = {1, 0.1, 0.01};
 constexpr int kScaleCount = 3;
 constexpr size_t kAskedStarts = 4;  // of each group, by the whole model
@@ -47,8 +48,8 @@ void solve_lower(const Eigen::Ref<const MatrixXd>& l, Eigen::Ref<MatrixXd> b) {
 
 }  // namespace
 
-DriftTest::DriftTest(MatrixXd covariance, std::vector<DriftGroup> groups,
-                     double samples_between_alarms, int most_rows)
+DriftWatch::DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups,
+                       double samples_between_alarms, int most_rows)
     : groups_(std::move(groups)),
       log_limit_(std::log(samples_between_alarms / kOvershoot)),
       log_statistic_(-std::numeric_limits<double>::infinity()),
@@ -62,7 +63,7 @@ DriftTest::DriftTest(MatrixXd covariance, std::vector<DriftGroup> groups,
     const auto size = static_cast<Index>(g.columns.size());
     if (size == 0 || size > kWidestGroup || g.width.size() != size)
       throw std::invalid_argument("group '" + g.name +
-                                  "': 1 to 16 columns, with a width each, are expected");
+                                  "': 1 to 32 columns, with a width each, are expected");
     for (Index i = 0; i < size; ++i) {
       if (g.columns[i] < 0 || g.columns[i] >= n)
         throw std::invalid_argument("group '" + g.name + "': there is no such column");
@@ -95,7 +96,7 @@ DriftTest::DriftTest(MatrixXd covariance, std::vector<DriftGroup> groups,
 }
 
 /// Begins a start time, and merges old ones.
-void DriftTest::begin(long sample) {
+void DriftWatch::begin(long sample) {
   if (used_ == static_cast<int>(starts_.size())) --used_;  // the oldest drops out
   std::rotate(starts_.begin(), starts_.begin() + used_, starts_.begin() + used_ + 1);
   ++used_;
@@ -121,13 +122,14 @@ void DriftTest::begin(long sample) {
       continue;
     }
     starts_[last - 2].weight *= 2;
+    starts_[last - 2].sure = false;
     std::rotate(starts_.begin() + last - 1, starts_.begin() + last, starts_.begin() + used_);
     --used_;
     first = last - 2;  // the merged one has joined the next weight
   }
 }
 
-double DriftTest::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y) {
+double DriftWatch::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y) {
   // Leaves the columns that are not 0 in touched_ and, one after the other, in j_; L of S in s_,
   // L^-1 J in through_, L^-1 v in v_.
   rows_ = j.rows();
@@ -158,11 +160,11 @@ double DriftTest::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<con
   return v.squaredNorm();
 }
 
-double DriftTest::log_factor(const Start& start, size_t group, int scale) const {
+double DriftWatch::log_factor(const Start& start, size_t group, int scale) const {
   const VectorXd& width = groups_[group].width;
   const Index n = width.size();
   Block a(n, n);
-  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 16, 1> b(n);
+  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kWidestGroup, 1> b(n);
   for (Index i = 0; i < n; ++i) {
     const double wi = kScales[scale] * width(i);
     b(i) = wi * start.pull[group](i);
@@ -185,10 +187,13 @@ double DriftTest::log_factor(const Start& start, size_t group, int scale) const 
   return 0.5 * (b.squaredNorm() - log_determinant);
 }
 
-void DriftTest::take(bool learn, long sample) {
+void DriftWatch::take(bool learn, long sample) {
   const Index m = rows_, n = static_cast<Index>(touched_.size());
   // Of samples in a row that are not learnt from the first begins a start: it happened then.
-  if (learn || !streak_ || used_ == 0) begin(sample);
+  if (learn || !streak_ || used_ == 0) {
+    begin(sample);
+    starts_.front().sure = !learn;
+  }
   streak_ = !learn;
   latest_ = sample;
   const auto j = j_.topLeftCorner(m, n), through = through_.topLeftCorner(m, n);
@@ -285,7 +290,7 @@ WholeModel whole_model(const MatrixXd& p, const MatrixXd& n, const VectorXd& b,
 
 /// Returns how a group moved if it did so at a start: by the whole model, with the scale that the
 /// innovations prefer. `log` becomes the log evidence against nothing, times the start's weight.
-Moved DriftTest::moved_since(const Start& start, size_t group, double& log) const {
+Moved DriftWatch::moved_since(const Start& start, size_t group, double& log) const {
   double best = log_factor(start, group, 0), scale = kScales[0];
   for (int k = 1; k < kScaleCount; ++k) {
     const double other = log_factor(start, group, k);
@@ -308,7 +313,7 @@ Moved DriftTest::moved_since(const Start& start, size_t group, double& log) cons
   // It may have been any sample since the start before: those between would be taken for the other
   // side.
   const Start* const earlier = &start + 1;
-  if (earlier < starts_.data() + used_) {
+  if (!start.sure && earlier < starts_.data() + used_) {
     const auto gap = static_cast<double>(start.first - earlier->first);
     const double share = gap / (gap + static_cast<double>(latest_ - start.first + 1));
     out.sigma = (out.sigma.cwiseAbs2() + share * share / 3 * out.change.cwiseAbs2()).cwiseSqrt();
@@ -318,7 +323,7 @@ Moved DriftTest::moved_since(const Start& start, size_t group, double& log) cons
   return out;
 }
 
-std::vector<Moved> DriftTest::moved() const {
+std::vector<Moved> DriftWatch::moved() const {
   std::vector<Moved> out;
   if (used_ == 0) return out;
   constexpr double kNone = -std::numeric_limits<double>::infinity();
@@ -366,7 +371,7 @@ std::vector<Moved> DriftTest::moved() const {
   return out;
 }
 
-void DriftTest::restart(const std::vector<Moved>& found) {
+void DriftWatch::restart(const std::vector<Moved>& found) {
   if (!found.empty()) {
     const Moved& moved = found.front();
     for (int s = 0; s < used_; ++s) {

@@ -1,4 +1,4 @@
-// models/monitor/drift_test: has something moved since the calibration?
+// models/monitor/drift_watch: has something moved since the calibration?
 //
 // Proves: innovations are those of a dense covariance; the estimate is the dense least-squares one;
 // while nothing moves alarms come as rarely as stated (at least two fifths and at most three
@@ -6,7 +6,7 @@
 // what moved is named, its size is right within its sigma, and accepting it ends the alarm with an
 // estimate that is the dense one of the model with the change; wrong sizes are refused. Does not
 // prove: that the equations of a robot's samples are such (monitor_test.cpp).
-#include "../../../models/monitor/drift_test.h"
+#include "../../../models/monitor/drift_watch.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -64,16 +64,16 @@ std::vector<DriftGroup> groups() {
   return out;
 }
 
-void add(DriftTest& test, const Equations& e, long sample, bool learn = true) {
+void add(DriftWatch& test, const Equations& e, long sample, bool learn = true) {
   test.look(e.j, e.y);
   test.take(learn, sample);
 }
 
 }  // namespace
 
-TEST_CASE("drift test: innovations and the estimate against dense ones") {
+TEST_CASE("drift watch: innovations and the estimate against dense ones") {
   Equations e(3);
-  DriftTest test(e.covariance, groups(), 1e9, kRows);
+  DriftWatch test(e.covariance, groups(), 1e9, kRows);
   MatrixXd information = e.covariance.inverse();
   VectorXd pull = VectorXd::Zero(kColumns);
   for (long i = 0; i < 30; ++i) {
@@ -96,12 +96,12 @@ TEST_CASE("drift test: innovations and the estimate against dense ones") {
   CHECK(test.mean() == before);
 }
 
-TEST_CASE("drift test: false alarms are as rare as stated") {
+TEST_CASE("drift watch: false alarms are as rare as stated") {
   constexpr int kRuns = 500, kSamples = 300;
   int alarms = 0;
   for (unsigned run = 0; run < kRuns; ++run) {
     Equations e(100 + run);
-    DriftTest test(e.covariance, groups(), kSamples, kRows);
+    DriftWatch test(e.covariance, groups(), kSamples, kRows);
     for (long i = 0; i < kSamples && !test.alarm(); ++i) {
       e.next();
       add(test, e, i);
@@ -113,13 +113,13 @@ TEST_CASE("drift test: false alarms are as rare as stated") {
   CHECK(alarms < expected + 3 * std::sqrt(expected * (1 - share)));
 }
 
-TEST_CASE("drift test: what moved, by how much, and since when") {
+TEST_CASE("drift watch: what moved, by how much, and since when") {
   constexpr int kRuns = 60;
   constexpr long kFrom = 40;
   int right = 0, found = 0, within = 0;
   for (unsigned run = 0; run < kRuns; ++run) {
     Equations e(1000 + run);
-    DriftTest test(e.covariance, groups(), 10000, kRows);
+    DriftWatch test(e.covariance, groups(), 10000, kRows);
     const int group = static_cast<int>(run % 6), column = groups()[group].columns[0];
     for (long i = 0; i < kFrom; ++i) {
       e.next();
@@ -150,9 +150,9 @@ TEST_CASE("drift test: what moved, by how much, and since when") {
   CHECK(within >= 0.9 * found);
 }
 
-TEST_CASE("drift test: an accepted change is part of the estimate") {
+TEST_CASE("drift watch: an accepted change is part of the estimate") {
   Equations e(7);
-  DriftTest test(e.covariance, groups(), 100, kRows);
+  DriftWatch test(e.covariance, groups(), 100, kRows);
   for (long i = 0; i < 20; ++i) {
     e.next();
     add(test, e, i);
@@ -185,16 +185,16 @@ TEST_CASE("drift test: an accepted change is part of the estimate") {
   CHECK(std::abs(test.mean()(7) - e.difference(7)) < 4 * std::sqrt(known(7, 7)));
 }
 
-TEST_CASE("drift test: sizes that do not fit") {
+TEST_CASE("drift watch: sizes that do not fit") {
   const MatrixXd known = MatrixXd::Identity(3, 3);
   const auto make = [&](std::vector<DriftGroup> g, double every) {
-    return DriftTest(known, std::move(g), every, 2);
+    return DriftWatch(known, std::move(g), every, 2);
   };
   CHECK_THROWS_WITH(make({{"a", {3}, VectorXd::Ones(1)}}, 100),
                     Contains("'a'") && Contains("no such column"));
   CHECK_THROWS_WITH(make({{"a", {0, 1}, VectorXd::Ones(1)}}, 100), Contains("with a width each"));
   CHECK_THROWS_WITH(make({{"a", {0}, VectorXd::Zero(1)}}, 100), Contains("a width is positive"));
   CHECK_THROWS_WITH(make({{"a", {0}, VectorXd::Ones(1)}}, 0.5), Contains("samples_between_alarms"));
-  CHECK_THROWS_WITH(DriftTest(MatrixXd::Ones(3, 2), {}, 100, 2), Contains("not square"));
-  CHECK_THROWS_WITH(DriftTest(MatrixXd::Constant(3, 3, NAN), {}, 100, 2), Contains("not finite"));
+  CHECK_THROWS_WITH(DriftWatch(MatrixXd::Ones(3, 2), {}, 100, 2), Contains("not square"));
+  CHECK_THROWS_WITH(DriftWatch(MatrixXd::Constant(3, 3, NAN), {}, 100, 2), Contains("not finite"));
 }

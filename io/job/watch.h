@@ -1,0 +1,48 @@
+// A calibrated robot watched: a monitor with what it was shown and what it found, in words and as
+// JSON, as the command monitor and other languages have it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "../../models/monitor/monitor.h"
+#include "../results/json_values.h"
+#include "../results/read_calibrated.h"
+
+namespace kincal {
+
+class Watch {
+ public:
+  /// @throws InputError: the files have no covariance
+  Watch(const CalibratedFiles& files, const MonitorOptions& options);
+
+  struct Told {
+    std::string json;   // {sample, state, chi2, dof, probability, unexplained, sensors, drift}
+    std::string words;  // empty: it fits, and nothing is new
+  };
+  /// Shows it a sample. @throws std::invalid_argument as Monitor::add()
+  Told show(const Sample& sample);
+  /// Names what moved so shortly before the end that it was not yet.
+  void end();
+
+  bool moved() const { return !found_.empty(); }
+  /// Returns what was named, in order: a list of groups (as `drift` of a sample has them) for each.
+  Json found() const;
+  /// Returns the factors of the noise over the stated one, by name.
+  Json noise() const;
+  /// Returns counts, what has moved and what noise is not as stated, in a few lines.
+  std::string summary() const;
+  const Rig& rig() const { return monitor_.rig(); }
+
+ private:
+  using Groups = std::vector<Moved>;  // those that explain an alarm, the likeliest first
+  void tell(Json& json, std::string& words, bool named);
+
+  Monitor monitor_;
+  double every_;
+  std::vector<std::string> ids_;
+  std::vector<Groups> found_;
+  long name_at_ = 0;  // number of samples; 0: nothing to be named
+};
+
+}  // namespace kincal

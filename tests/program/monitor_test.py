@@ -1,0 +1,151 @@
+"""`kincal monitor`: python3 monitor_test.py SOURCE_DIR KINCAL [TEST ...]
+
+The PR2-like robot of the examples, calibrated, and samples that it logs afterwards, by `simulate`. Proves: a robot that stays as it was gives exit code 0; a stereo baseline that changes by 0.5 mm and a shoulder
+whose offset changes by 5 mrad are named, with size and sample, exit code 6, in words and as JSON; standard input gives the same as the file; a shifted picture is an outlier that is left out; noise that is twice
+the stated one is told and is no drift; mistakes are named. The library core needs nothing but Eigen and the standard libraries. Does not prove: rates of false alarms (models/monitor/drift_watch_test.cpp).
+"""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCE_DIR = KINCAL = None
+AT = 70  # sample from which on something has moved
+
+
+def run(*arguments, code=0, text=None):
+    done = subprocess.run([KINCAL, *arguments], input=text, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=600)
+    if done.returncode != code:
+        raise AssertionError("%s\nended with %d, not %d\n%s%s" % (" ".join(arguments), done.returncode, code, done.stdout[-2000:], done.stderr[-2000:]))
+    return done.stdout if code != 1 else done.stderr
+
+
+class Monitor(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp(prefix="kincal_monitor_")
+        cls.addClassCleanup(shutil.rmtree, cls.folder, ignore_errors=True)
+        cls.example = os.path.join(SOURCE_DIR, "examples", "pr2")
+        cls.rig = os.path.join(cls.example, "rig.yaml")
+        with open(os.path.join(cls.example, "truth_values.json")) as f:
+            cls.truth = json.load(f)
+        run("calibrate", cls.rig, os.path.join(cls.example, "samples.jsonl"), "--out", cls.path("result"), "--quiet", "--no-report")
+        cls.healthy = cls.simulated("healthy", {})
+
+    @classmethod
+    def path(cls, name):
+        return os.path.join(cls.folder, name)
+
+    @classmethod
+    def simulated(cls, name, changes, rig=None):
+        """128 samples, as mappings, of the robot with some parameters changed."""
+        with open(cls.path(name + ".json"), "w") as f:
+            json.dump({"parameters": {**cls.truth["parameters"], **changes}}, f)
+        run("simulate", rig or cls.rig, "--samples", "128", "--seed", "31", "--truth", cls.path(name + ".json"), "--postures", os.path.join(cls.example, "postures.jsonl"),
+            "--out", cls.path(name), "--quiet", "--force")
+        with open(cls.path(os.path.join(name, "samples.jsonl"))) as f:
+            return [dict(json.loads(line), id="s%03d" % i) for i, line in enumerate(f)]
+
+    def written(self, name, samples):
+        with open(self.path(name), "w") as f:
+            f.write("".join(json.dumps(s) + "\n" for s in samples))
+        return self.path(name)
+
+    def monitored(self, samples, code=0):
+        """What is said of each sample, as data, and the summary."""
+        file = self.written("samples.jsonl", samples)
+        lines = run("monitor", self.path("result"), file, "--json", code=code).splitlines()
+        return [json.loads(line) for line in lines], run("monitor", self.path("result"), file, "--quiet", code=code)
+
+    def test_nothing_moved(self):
+        told, summary = self.monitored(self.healthy)
+        self.assertEqual([t["sample"] for t in told], [s["id"] for s in self.healthy])
+        self.assertTrue(all(t["state"] == "fits" and t["drift"] is None for t in told))
+        self.assertIn("128 samples, 0 outliers. Nothing has moved (one false alarm in about 10000 samples).", summary)
+        chi2, dof = (sum(t[key] for t in told) for key in ("chi2", "dof"))
+        self.assertLess(abs(chi2 / dof - 1), 0.03)
+        for t, sample in zip(told, self.healthy):
+            self.assertEqual(set(t["sensors"]), {v["sensor"] for v in sample["views"]})
+
+    def moved(self, changes, group, component, change, tolerance):
+        samples = self.healthy[:AT] + self.simulated("moved", changes)[AT:]
+        told, summary = self.monitored(samples, code=6)
+        first = next(i for i, t in enumerate(told) if t["drift"])
+        self.assertGreaterEqual(first, AT)
+        self.assertLess(first, AT + 10)
+        named = next(t["drift"] for t in told if t["drift"] and t["drift"]["named"])
+        likeliest = named["groups"][0]
+        self.assertEqual(likeliest["group"], group)
+        self.assertGreater(likeliest["probability"], 0.5)
+        self.assertLess(abs(int(likeliest["since"][1:]) - AT), 12)
+        found = likeliest["changes"][component]
+        self.assertLess(abs(found["change"] - change), tolerance)
+        self.assertLess(abs(found["change"] - change), 4 * found["sigma"])
+        self.assertIn(group, summary.split("Moved:")[1])
+        words = run("monitor", self.path("result"), self.path("samples.jsonl"), code=6)
+        self.assertIn("something has moved, maybe " + group, words)
+
+    def test_baseline(self):
+        self.moved({"sensor/narrow_right/baseline": 0.0916}, "sensor/narrow_right/baseline", "sensor/narrow_right/baseline", 0.0005, 0.0001)
+
+    def test_joint(self):
+        name = "joint/l_shoulder_lift_joint/offset"
+        self.moved({name: self.truth["parameters"][name] + 0.005}, name, name, 0.005, 0.0015)
+
+    def test_standard_input(self):
+        file = self.written("some.jsonl", self.healthy[:20])
+        with open(file) as f:
+            text = f.read()
+        self.assertEqual(run("monitor", self.path("result"), "-", "--json", text=text), run("monitor", self.path("result"), file, "--json"))
+        self.assertIn("standard input, line 2:1:", run("monitor", self.path("result"), "-", text=text.splitlines()[0] + "\nnonsense\n", code=1))
+
+    def test_outlier(self):
+        samples = json.loads(json.dumps(self.healthy))
+        view = next(v for v in samples[40]["views"] if v["sensor"] == "wide_left")
+        view["pixels"] = [[u + 3, v] for u, v in view["pixels"]]
+        told, summary = self.monitored(samples)
+        self.assertEqual([t["sample"] for t in told if t["state"] != "fits"], ["s040"])
+        self.assertIn("128 samples, 1 outliers. Nothing has moved", summary)
+        self.assertIn("s040: does not fit", run("monitor", self.path("result"), self.path("samples.jsonl")))
+
+    def test_noise(self):
+        with open(self.rig) as f:
+            text = f.read().replace("sigma: 0.125", "sigma: 0.25")
+        shutil.copy(os.path.join(self.example, "robot.urdf"), self.folder)
+        with open(self.path("noisy.yaml"), "w") as f:
+            f.write(text)
+        _, summary = self.monitored(self.simulated("noisy", {}, self.path("noisy.yaml")))
+        self.assertIn("Nothing has moved", summary)
+        for camera in ("narrow_left", "narrow_right", "wide_left", "wide_right", "forearm_left", "forearm_right"):
+            factor = float(summary.split("Noise of %s: " % camera)[1].split(" times")[0])
+            self.assertLess(abs(factor - 2), 0.15)
+
+    def test_mistakes(self):
+        file = self.written("one.jsonl", self.healthy[:1])
+        self.assertIn("has no covariance", run("monitor", self.rig, file, code=1))
+        wrong = json.loads(json.dumps(self.healthy[:3]))
+        wrong[2]["views"][0]["sensor"] = "nobody"
+        self.assertIn("wrong.jsonl:3: views[0].sensor", run("monitor", self.path("result"), self.written("wrong.jsonl", wrong), code=1))
+        self.assertIn("--false-alarms", run("monitor", self.path("result"), file, "--false-alarms", "1", code=1))
+
+
+class Core(unittest.TestCase):
+    def test_needs_nothing(self):
+        """Of the libraries that a robot's own computer links: no streams, locales, files, nor anybody's library."""
+        folder = os.path.dirname(os.path.abspath(KINCAL))
+        libraries = [os.path.join(folder, "libkincal_%s.a" % name) for name in ("core", "solver", "kinematics")]
+        if not all(map(os.path.exists, libraries)):
+            self.skipTest("no libraries beside the program")
+        symbols = subprocess.run(["nm", "-C", "-u", *libraries], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, check=True).stdout
+        needed = {line.split(" U ", 1)[1].strip() for line in symbols.splitlines() if " U " in line}
+        self.assertGreater(len(needed), 50)
+        for word in ("std::locale", "std::basic_ostream", "std::basic_istream", "std::ios_base", "fopen", "std::filesystem", "cholmod_", "YAML::", "pugi::", "nlohmann", "urdf::"):
+            self.assertEqual([s for s in needed if word in s], [], word)
+
+
+if __name__ == "__main__":
+    SOURCE_DIR, KINCAL = (os.path.abspath(p) for p in sys.argv[1:3])
+    unittest.main(argv=[sys.argv[0], *sys.argv[3:]], verbosity=2)
