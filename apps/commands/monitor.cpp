@@ -1,5 +1,6 @@
 // `kincal monitor`: samples as they come, and whether the robot is still the one that was
 // calibrated.
+#include <cstdio>
 #include <iostream>
 
 #include "../../io/document/files.h"
@@ -21,7 +22,13 @@ int monitor(const MonitorArguments& a) {
   now("reading " + a.result);
   MonitorOptions options;
   options.samples_between_alarms = a.every;
-  Watch watch(read_calibrated(a.result), options);
+  const CalibratedFiles files = read_calibrated(a.result);
+  for (const std::string& doubt : files.doubts)
+    std::fprintf(stderr,
+                 "kincal: warning: what the calibration does not explain may look like a change: "
+                 "%s\n",
+                 doubt.c_str());
+  Watch watch(files, options);
   now("monitoring " + a.samples);
   const auto show = [&](const Sample& sample) {
     const Watch::Told told = watch.show(sample);
@@ -45,7 +52,7 @@ int monitor(const MonitorArguments& a) {
   }
   watch.end();
   if (!a.json) std::cout << watch.summary();
-  return watch.moved() ? kMoved : kConverged;
+  return watch.moved() ? kMoved : watch.unexplained() > 0 ? kNotExplained : kConverged;
 }
 
 }  // namespace
@@ -79,7 +86,9 @@ Command monitor_command(CLI::App& app) {
       "of a camera, a baseline. If one has moved it says which, how far, since when, and what else "
       "explains it; from then on the\n"
       "robot counts as calibrated with that change.\n"
-      "Exit codes: 0 nothing has moved; 1 bad input or usage; 6 something has moved.");
+      "Exit codes: 0 nothing has moved; 1 bad input or usage; 5 samples in a row do not fit, and "
+      "no "
+      "single change explains them; 6 something has moved.");
   return {command, [a] { return monitor(*a); }};
 }
 

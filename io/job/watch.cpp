@@ -132,6 +132,7 @@ Watch::Watch(const CalibratedFiles& files, const MonitorOptions& options)
 Watch::Told Watch::show(const Sample& sample) {
   const Innovation innovation = monitor_.add(sample);
   ids_.push_back(sample.id);
+  unexplained_ += innovation.unexplained;
   Json json = sample_json(monitor_, innovation, sample.id);
   std::string words;
   if (innovation.state == SampleState::outlier)
@@ -141,6 +142,7 @@ Watch::Told Watch::show(const Sample& sample) {
                  ? "; samples in a row do not fit, and nothing that moved explains them"
                  : "");
   if (innovation.state == SampleState::undefined) words = "cannot be evaluated: " + innovation.why;
+  if (!innovation.alarm) name_at_ = 0;  // what raised it was outliers that nothing explains
   if (innovation.alarm && name_at_ == 0) {
     name_at_ = monitor_.samples() + kNaming;
     tell(json, words, false);
@@ -184,10 +186,12 @@ Json Watch::noise() const {
 
 std::string Watch::summary() const {
   std::string out = text("%ld samples, %ld outliers. ", monitor_.samples(), monitor_.outliers());
-  if (found_.empty())
+  if (unexplained_ > 0)
+    out += text("%ld times samples in a row did not fit, and no single change explains them.\n",
+                unexplained_);
+  if (found_.empty() && unexplained_ == 0)
     out += text("Nothing has moved (one false alarm in about %.0f samples).\n", every_);
-  else
-    out += "Moved:\n";
+  if (!found_.empty()) out += "Moved:\n";
   for (const Groups& groups : found_) out += "  " + found_text(monitor_, groups, ids_) + "\n";
   for (const NoiseSeen& n : monitor_.noise())
     if (std::abs(std::log(n.factor)) > std::log(kToldFactor))

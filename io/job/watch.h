@@ -26,6 +26,8 @@ class Watch {
   void end();
 
   bool moved() const { return !found_.empty(); }
+  /// Returns how often samples in a row did not fit, and nothing that moved explained them.
+  long unexplained() const { return unexplained_; }
   /// Returns what was named, in order: a list of groups (as `drift` of a sample has them) for each.
   Json found() const;
   /// Returns the factors of the noise over the stated one, by name.
@@ -42,6 +44,7 @@ class Watch {
   double every_;
   std::vector<std::string> ids_;
   std::vector<Groups> found_;
+  long unexplained_ = 0;
   long name_at_ = 0;  // number of samples; 0: nothing to be named
 };
 

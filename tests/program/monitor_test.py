@@ -6,6 +6,7 @@ the stated one is told and is no drift; mistakes are named. The library core nee
 """
 import json
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -110,6 +111,20 @@ class Monitor(unittest.TestCase):
         self.assertEqual([t["sample"] for t in told if t["state"] != "fits"], ["s040"])
         self.assertIn("128 samples, 1 outliers. Nothing has moved", summary)
         self.assertIn("s040: does not fit", run("monitor", self.path("result"), self.path("samples.jsonl")))
+
+    def test_nothing_explains(self):
+        """A change that is named maybe, and then contradicted by pictures that nothing explains, to the last sample."""
+        samples = self.healthy[:AT] + self.simulated("moved", {"sensor/narrow_right/baseline": 0.0916})[AT:AT + 4]
+        draw = random.Random(1)
+        for sample in samples[AT + 2:]:
+            for view in sample["views"]:
+                if "pixels" in view:
+                    view["pixels"] = [[u + draw.gauss(0, 20), v + draw.gauss(0, 20)] for u, v in view["pixels"]]
+        file = self.written("contradicted.jsonl", samples)
+        told = [json.loads(line) for line in run("monitor", self.path("result"), file, "--json", code=5).splitlines()]
+        self.assertTrue(any(t["drift"] for t in told[AT:AT + 2]))
+        self.assertTrue(told[-1]["unexplained"] or told[-2]["unexplained"])
+        self.assertIn("no single change explains them", run("monitor", self.path("result"), file, "--quiet", code=5))
 
     def test_noise(self):
         with open(self.rig) as f:
