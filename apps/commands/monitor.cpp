@@ -78,7 +78,7 @@ Command monitor_command(CLI::App& app) {
   command->add_flag("--quiet", a->quiet, "print the summary only");
   command->footer(
       "Each sample is compared with what the calibration predicts: noise of sensors and joint "
-      "readings, and what is uncertain of\n"
+      "readings, and the uncertainty of\n"
       "the calibration itself. A sample that fits as badly as one in a million is an outlier and "
       "left out, until the next one\n"
       "is an outlier too. What moves together is a group: the mount of a sensor or target, the "

@@ -4,13 +4,11 @@
 #include <cmath>
 #include <utility>
 
+#include "../../models/evidence/evidence.h"
 #include "../../models/rig/words.h"
 
 namespace kincal {
 namespace {
-
-/// How much less likely than the first a group may be and still be named.
-constexpr double kNamedShare = 0.1;
 
 const char* word(SampleState state) {
   switch (state) {
@@ -26,7 +24,8 @@ const char* word(SampleState state) {
   return "";
 }
 
-/// How many samples after the alarm it is said what has moved: one sample often cannot tell.
+/// How many samples after the alarm it is said what has moved. One sample often cannot tell: of a
+/// simulated PR2 it named the wrong stereo pair, 20 the right one in 12 of 12 robots.
 constexpr long kNaming = 20;
 
 /// A change in the units that people read: mrad and mm.
@@ -161,7 +160,7 @@ void Watch::end() {
 /// Tells what may have moved; `named`: from now on the robot counts as calibrated with that.
 void Watch::tell(Json& json, std::string& words, bool named) {
   Groups groups = monitor_.moved();
-  const double least = kNamedShare * groups.front().probability;
+  const double least = groups.front().probability / kAsLikelyOdds;
   while (groups.back().probability < least) groups.pop_back();
   json["drift"] = {{"named", named}, {"groups", found_json(monitor_, groups, ids_)}};
   words += (words.empty() ? "" : "; ") + std::string(named ? "" : "something has moved, maybe ") +

@@ -5,8 +5,8 @@
 // Model. d is by how much the parameters differ from the calibrated values, N(0, P) with P the
 // calibration's covariance. Sample i says  y_i = J_i d + e_i, e_i ~ N(0, 1). What could have
 // happened: from sample t on, the parameters of one group g are off by x ~ N(0, w^2 W_g^2) besides;
-// W_g is the group's usual change and w one of 1, 1/10, 1/100 (equally likely), for nobody knows
-// how hard a robot is hit.
+// W_g is the group's usual change and w one of 1, 1/10, 1/100 (equally likely), because nobody
+// knows how hard a robot is hit.
 //
 // Test. As long as nothing happens the innovations  v_i = y_i - J_i d_i  are independent,
 // N(0, S_i = 1 + J_i P_i J_i'), where d_i, P_i are the estimate of d from P and all samples before
@@ -18,8 +18,8 @@
 // the number of samples is a martingale while nothing happens, so the mean time until R reaches a
 // limit is the mean of R at that moment (Shiryaev and Roberts; Pollak, Annals of Statistics 13
 // (1985)). Changes that would not show in the data have B near 1 for ever; without them R is
-// smaller and alarms are rarer. The mean time is kOvershoot times the limit, for R leaps over it,
-// and rare leaps are far.
+// smaller and alarms are rarer. The mean time is kOvershoot times the limit, because R leaps over
+// it, and rare leaps are far.
 //
 // Start times are kept ever sparser, as they lie back: kPerSpan of each span 1, 2, 4 ... samples.
 // One that stands for m others counts m times. What drops out is older than kSpans spans.

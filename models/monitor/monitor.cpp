@@ -13,7 +13,6 @@
 #include "../estimation/estimation.h"
 #include "../fitting/fit.h"
 #include "../rig/distributions.h"
-#include "../rig/numbers.h"
 #include "../rig/scales.h"
 #include "../rig/selection.h"
 
@@ -22,9 +21,12 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double kNoiseKnown = 10;       // residuals that the stated noise counts for: to a quarter
+// Residuals that the stated noise counts as: it is known to a quarter. Of simulated PR2 with 5 the
+// first factors scatter so much that there were 6 false alarms where 2.6 were stated; of one with
+// twice the noise there was none with 5 and one with 10, in 300 samples.
+constexpr double kNoiseKnown = 10;
 constexpr double kLeastVariance = 1e-3;  // over the stated one: data without noise prove nothing
-constexpr double kOutlier = 1e-6;        // share of samples
+constexpr double kOutlier = 1e-6;        // share of samples: a false outlier in a million
 constexpr double kRounding = 1e-10;      // of derivatives, over the largest
 // Of the inverse variance of an innovation, over that of the noise. What is expected to 30 sigmas
 // or worse tells nothing of how a sensor fits.

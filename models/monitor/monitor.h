@@ -9,8 +9,8 @@
 //     derivatives depend on the noise);
 //   - what only the sample's own unknowns change, which says nothing;
 //   - the rest, y = J d + e: how all parameters differ from the calibrated values. Its innovation
-//     (drift_watch.h) has the covariance of the noise, of the joints' readings and of what is left
-//     uncertain by the calibration and the samples before.
+//     (drift_watch.h) has the covariance of the noise, of the joints' readings and of the
+//     uncertainty that the calibration and the samples before leave.
 // Each kind of noise, of a part of a sensor or of a joint's readings, has a factor over the stated
 // one, that of all samples so far; it begins at 1, as if kNoiseKnown residuals had been seen.
 // A sample is an outlier where one of these parts is larger than by chance in kOutlier of all
