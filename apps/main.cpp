@@ -45,6 +45,8 @@ const char* const kFooter =
     "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
     "  kincal diff result other_result                            two calibrations compared\n"
     "  kincal monitor result new_samples.jsonl                    has anything moved since?\n"
+    "  kincal plan rig.yaml --next 20 --out postures.jsonl        which postures to record, and "
+    "what they bring\n"
     "  kincal fleet results --out fleet                           which robots are unlike the "
     "others, and what drifts\n"
     "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
@@ -125,6 +127,7 @@ int main(int argc, char** argv) try {
       {"batch", [&] { return batch_command(app, line, arguments); }},
       {"evaluate", [&] { return evaluate_command(app, line); }},
       {"monitor", [&] { return monitor_command(app); }},
+      {"plan", [&] { return plan_command(app); }},
       {"diff", [&] { return diff_command(app); }},
       {"fleet", [&] { return fleet_command(app); }},
       {"apply", [&] { return apply_command(app); }},

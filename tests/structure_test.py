@@ -21,7 +21,7 @@ import sys
 
 # ---------------------------------------------------------------------------------------------- the rules
 KINEMATICS, SOLVER = "kinematics", "solver"
-FLOORS = [["joints"], ["sensors"], ["rig"], ["notices"], ["estimation"], ["fitting"], ["calibration"], ["monitor"], ["analysis"], ["evidence"], ["automatic", "doctor", "trials"], ["report"]]
+FLOORS = [["joints"], ["sensors"], ["rig"], ["notices"], ["estimation"], ["fitting"], ["calibration"], ["monitor"], ["analysis"], ["design", "evidence"], ["automatic", "doctor", "trials"], ["report"]]
 MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment", "models/fleet", "models/intrinsics"]
 
 
@@ -45,7 +45,7 @@ MAY_INCLUDE = {
     "io/rig": [KINEMATICS, *MODELS, "io/document", "io/urdf"],
     "io/results": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig"],
     "io/report": ["io/document", "io/results"],
-    "io/job": [KINEMATICS, *MODELS, "io/document", "io/rig", "io/results", "io/report"],
+    "io/job": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results", "io/report"],
     "io/exchange": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results"],
     "io/recordings": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/images"],  # urdf: the robot inside a recording
     "io/images": [KINEMATICS, *MODELS, "io/document", "io/urdf", "io/rig", "io/results", "io/exchange"],

@@ -4,6 +4,8 @@
 #include <iostream>
 
 #include "../../io/document/files.h"
+#include "../../io/document/json.h"
+#include "../../io/job/static_views.h"
 #include "../../io/job/watch.h"
 #include "../../io/rig/samples_file.h"
 #include "../job.h"
@@ -13,12 +15,41 @@ namespace kincal {
 namespace {
 
 struct MonitorArguments {
-  std::string result, samples;
+  std::string result, samples, state;
   double every = MonitorOptions().samples_between_alarms;
-  bool json = false, quiet = false;
+  bool json = false, quiet = false, still = false;
 };
 
+/// Cameras that should stand still, without a calibration.
+int monitor_still(const MonitorArguments& a) {
+  if (!a.samples.empty()) throw InputError("--static takes SAMPLES alone, and no RESULT");
+  if (!a.state.empty()) throw InputError("--static and --state exclude each other");
+  StaticViewOptions options;
+  options.samples_between_alarms = a.every;
+  StaticViews views(options);
+  now("monitoring " + a.result);
+  const auto show = [&](const Field& sample) {
+    const StaticViews::Told told = views.show(sample);
+    if (a.json)
+      std::cout << told.json << "\n" << std::flush;
+    else if (!told.words.empty() && !a.quiet)
+      std::cout << told.id << ": " << told.words << "\n" << std::flush;
+    return told.id;
+  };
+  if (a.result != "-") {
+    for_each_json_line(read_file(a.result), a.result, show);
+  } else {
+    std::string one;
+    for (int number = 1; std::getline(std::cin, one); ++number)
+      for_each_json_line(one, "standard input, line " + std::to_string(number), show);
+  }
+  if (!a.json) std::cout << views.summary();
+  return views.moved() ? kMoved : kConverged;
+}
+
 int monitor(const MonitorArguments& a) {
+  if (a.still) return monitor_still(a);
+  if (a.samples.empty()) throw InputError("SAMPLES is missing: kincal monitor RESULT SAMPLES");
   now("reading " + a.result);
   MonitorOptions options;
   options.samples_between_alarms = a.every;
@@ -29,6 +60,11 @@ int monitor(const MonitorArguments& a) {
                  "%s\n",
                  doubt.c_str());
   Watch watch(files, options);
+  if (!a.state.empty() && file_exists(a.state)) try {
+      watch.load(read_file(a.state));
+    } catch (const std::invalid_argument& error) {
+      throw InputError(a.state + ": " + error.what());
+    }
   now("monitoring " + a.samples);
   const auto show = [&](const Sample& sample) {
     const Watch::Told told = watch.show(sample);
@@ -50,6 +86,7 @@ int monitor(const MonitorArguments& a) {
            parse_samples(one, "standard input, line " + std::to_string(number), watch.rig()))
         show(sample);
   }
+  if (!a.state.empty()) write_file(a.state, watch.save(), true);
   watch.end();
   if (!a.json) std::cout << watch.summary();
   return watch.moved() ? kMoved : watch.unexplained() > 0 ? kNotExplained : kConverged;
@@ -61,11 +98,19 @@ Command monitor_command(CLI::App& app) {
   auto a = std::make_shared<MonitorArguments>();
   CLI::App* command = app.add_subcommand(
       "monitor", "Watch samples of a calibrated robot: how well each fits, and what has moved");
-  command->add_option("RESULT", a->result, "the result directory of a calibration")->required();
   command
-      ->add_option("SAMPLES", a->samples,
-                   "samples.jsonl, in the order of time; - reads standard input line by line")
+      ->add_option("RESULT", a->result,
+                   "the result directory of a calibration; with --static there is none")
       ->required();
+  command->add_option("SAMPLES", a->samples,
+                      "samples.jsonl, in the order of time; - reads standard input line by line");
+  command->add_flag("--static", a->still,
+                    "kincal monitor --static SAMPLES: the cameras stand still and watch things "
+                    "that do not move; has a camera moved?");
+  command
+      ->add_option("--state", a->state,
+                   "go on from this file, if it is there, and write to it what was learnt")
+      ->type_name("FILE");
   command
       ->add_option("--false-alarms", a->every,
                    "so many samples lie between two false alarms, in the mean")

@@ -215,6 +215,22 @@ std::string verdict_details(const Field& result) {
   return out.empty() ? out : "\nMore on that\n" + out;
 }
 
+std::string more_data_line(const Field& result) {
+  if (!result.has("more_data")) return "";
+  const Field more = result["more_data"];
+  std::string out = text(
+      "More data: three times as many such samples would lower the predicted error of what the "
+      "sensors see from %.2g to %.2g mm",
+      1e3 * more["error"].number(), 1e3 * more["thrice"].number());
+  if (more["readings"].number() > 0)
+    out += text("; one reading of the joints adds %.2g mm", 1e3 * more["readings"].number());
+  out += more["worth"].boolean() ? ": worth it" : ": not worth it";
+  const std::vector<std::string> open = more["open"].strings();
+  for (size_t i = 0; i < open.size(); ++i)
+    out += (i ? ", " : "; such samples hardly tell ") + open[i];
+  return "\n" + wrapped(out + ". (`kincal plan` proposes postures.)", "", 0);
+}
+
 std::string show_text(const Field& result, bool all) {
   std::string out = verdict_lines(result);
   if (all) {
@@ -230,7 +246,7 @@ std::string show_text(const Field& result, bool all) {
     out += some_lines("What else may be wrong", unsaid(result, "findings", false));
   out += "\n" + error_table(result) + change_table(result);
   if (all) out += some_lines("What the data do not tell well", weak_lines(result));
-  return out + some_lines("Warnings", unsaid(result, "warnings", true));
+  return out + some_lines("Warnings", unsaid(result, "warnings", true)) + more_data_line(result);
 }
 
 }  // namespace kincal

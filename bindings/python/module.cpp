@@ -13,7 +13,6 @@
 #include "../../io/job/check.h"
 #include "../../io/job/job.h"
 #include "../../io/job/simulate.h"
-#include "../../io/job/watch.h"
 #include "../../io/results/csv.h"
 #include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
@@ -21,39 +20,11 @@
 #include "../../io/rig/simulation_file.h"
 #include "../../models/analysis/compensation.h"
 #include "../../models/rig/configuration.h"
+#include "text.h"
+#include "watching.h"
 #include "work.h"
 
 namespace py = pybind11;
-
-namespace kincal {
-
-/// A Text is what stands in a file, or its path: bytes that are no UTF-8 come and go as Python has
-/// them (surrogateescape).
-struct Text : std::string {
-  Text() = default;
-  Text(std::string text) : std::string(std::move(text)) {}
-};
-
-}  // namespace kincal
-
-namespace pybind11::detail {
-template <>
-struct type_caster<kincal::Text> {
-  PYBIND11_TYPE_CASTER(kincal::Text, const_name("str"));
-
-  bool load(handle source, bool) {
-    if (!PyUnicode_Check(source.ptr())) return false;
-    const auto bytes = reinterpret_steal<object>(
-        PyUnicode_AsEncodedString(source.ptr(), "utf-8", "surrogateescape"));
-    if (!bytes) throw error_already_set();
-    value = kincal::Text(bytes.cast<std::string>());
-    return true;
-  }
-  static handle cast(const kincal::Text& text, return_value_policy, handle) {
-    return PyUnicode_DecodeUTF8(text.data(), static_cast<ssize_t>(text.size()), "surrogateescape");
-  }
-};
-}  // namespace pybind11::detail
 
 namespace kincal {
 namespace {
@@ -70,13 +41,6 @@ struct PyRig {
 struct PySamples {
   std::shared_ptr<const PyRig> rig;
   SampleSet set;
-};
-
-/// A PyMonitor is a robot that is watched; one thread at a time shows it samples.
-struct PyMonitor {
-  PyMonitor(const Text& path, double every) : watch(read_calibrated(path), MonitorOptions{every}) {}
-  Watch watch;
-  std::mutex mutex;
 };
 
 /// Raises an exception of the package.
@@ -297,16 +261,6 @@ std::shared_ptr<PySamples> parse_sample_text(const std::shared_ptr<PyRig>& rig, 
                                                  return parse_sample_set(text, path, rig->file.rig,
                                                                          told);
                                                })});
-}
-
-/// Shows samples, of which `text` has one a line, and returns what the program prints of each.
-std::vector<Text> show_samples(PyMonitor& monitor, const Text& text, const Text& path) {
-  const py::gil_scoped_release released;
-  const std::lock_guard<std::mutex> lock(monitor.mutex);
-  std::vector<Text> out;
-  for (const Sample& sample : parse_samples(text, path, monitor.watch.rig()))
-    out.push_back(monitor.watch.show(sample).json);
-  return out;
 }
 
 /// A finished calibration.
@@ -590,12 +544,7 @@ PYBIND11_MODULE(_kincal, m) {
       .def("describe", describe);
   py::class_<PySamples, std::shared_ptr<PySamples>>(m, "Samples")
       .def("__len__", [](const PySamples& samples) { return samples.set.samples->size(); });
-  py::class_<PyMonitor>(m, "Monitor")
-      .def(py::init<const Text&, double>(), py::arg("path"), py::arg("every"))
-      .def("show", show_samples, py::arg("text"), py::arg("path"))
-      .def("found", [](const PyMonitor& monitor) { return Text(monitor.watch.found().dump()); })
-      .def("noise", [](const PyMonitor& monitor) { return Text(monitor.watch.noise().dump()); })
-      .def("summary", [](const PyMonitor& monitor) { return Text(monitor.watch.summary()); });
+  add_watching(m);
   m.def("read_rig", read_rig_path, py::arg("path"));
   m.def("parse_rig", parse_rig_texts, py::arg("text"), py::arg("path"), py::arg("urdf"),
         py::arg("urdf_path"));

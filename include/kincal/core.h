@@ -31,3 +31,4 @@
 #include "detail/models/calibration/solution.h"
 // Afterwards
 #include "detail/models/monitor/monitor.h"
+#include "detail/models/monitor/static_view.h"

@@ -40,9 +40,9 @@ std::string units_of(const std::vector<std::string>& kinds) {
 }  // namespace
 
 std::vector<Requirement> parse_requirement(const std::string& text, const Recording& recording,
-                                           Words words) {
+                                           Words words, const std::string& option) {
   const Rig& rig = recording.rig;
-  const std::string where = option_name("require", words) + " '" + text + "': ";
+  const std::string where = option_name(option, words) + " '" + text + "': ";
   const size_t less = text.find('<');
   const std::string quantity = without_spaces(text.substr(0, less)),
                     limit = less == std::string::npos ? "" : without_spaces(text.substr(less + 1));

@@ -5,7 +5,9 @@
 #include <utility>
 
 #include "../../models/evidence/evidence.h"
+#include "../../models/monitor/state_bytes.h"
 #include "../../models/rig/words.h"
+#include "../document/names.h"
 
 namespace kincal {
 namespace {
@@ -27,6 +29,8 @@ const char* word(SampleState state) {
 /// How many samples after the alarm it is said what has moved. One sample often cannot tell: of a
 /// simulated PR2 it named the wrong stereo pair, 20 the right one in 12 of 12 robots.
 constexpr long kNaming = 20;
+
+constexpr std::uint64_t kWatch = 1;  // whose state it is: a Watch's, with its monitor's in it
 
 /// A change in the units that people read: mrad and mm.
 std::string size_text(double value, double sigma, const std::string& unit) {
@@ -169,6 +173,77 @@ void Watch::tell(Json& json, std::string& words, bool named) {
   found_.push_back(std::move(groups));
   monitor_.restart(true);
   name_at_ = 0;
+}
+
+void Watch::transfer(StateBytes& bytes) {
+  bytes.list(ids_, [&](std::string& id) { bytes.value(id); });
+  bytes.list(found_, [&](Groups& groups) {
+    bytes.list(groups, [&](Moved& moved) {
+      bytes.value(moved.group);
+      bytes.value(moved.probability);
+      bytes.value(moved.since);
+      bytes.value(moved.change);
+      bytes.value(moved.sigma);
+      bytes.value(moved.chi2);
+      bytes.value(moved.rows);
+    });
+  });
+  bytes.value(unexplained_);
+  bytes.value(name_at_);
+}
+
+std::string Watch::save() const {
+  Watch copy(*this);
+  StateBytes bytes(kWatch);
+  std::string monitor = monitor_.save();
+  bytes.value(monitor);
+  copy.transfer(bytes);
+  return bytes.finish();
+}
+
+void Watch::load(const std::string& from) {
+  StateBytes bytes(from, kWatch);
+  std::string monitor;
+  bytes.value(monitor);
+  Watch copy(*this);
+  copy.monitor_.load(monitor);
+  copy.transfer(bytes);
+  bytes.expect_end();
+  if (static_cast<long>(copy.ids_.size()) != copy.monitor_.samples())
+    throw std::invalid_argument("state: it is damaged");
+  *this = std::move(copy);
+}
+
+Json Watch::recalibrated(const std::vector<Sample>& samples,
+                         std::vector<std::string> groups) const {
+  if (groups.empty())
+    for (const Groups& found : found_)
+      groups.push_back(monitor_.groups()[found.front().group].name);
+  if (groups.empty())
+    throw std::invalid_argument("groups: nothing was named as moved; say what may have");
+  std::vector<int> indices;
+  std::vector<std::string> names;
+  for (const DriftGroup& group : monitor_.groups()) names.push_back(group.name);
+  for (const std::string& name : groups) {
+    const auto found = std::find(names.begin(), names.end(), name);
+    if (found == names.end())
+      throw std::invalid_argument("groups: there is no group '" + name + "'" +
+                                  nearest_or_all(name, names, "there are"));
+    const auto index = static_cast<int>(found - names.begin());
+    if (std::find(indices.begin(), indices.end(), index) == indices.end()) indices.push_back(index);
+  }
+  const Recalibration done = monitor_.recalibrated(samples, indices);
+  Json values = Json::object();
+  for (const int index : indices)
+    for (const int column : monitor_.groups()[index].columns) {
+      const Component& c = monitor_.columns()[column];
+      values[monitor_.table().name(c)] = {
+          {"change", done.change(column)},
+          {"sigma", std::sqrt(done.state.covariance(column, column))},
+          {"unit", monitor_.table().unit(c)},
+          {"determined", done.undetermined[column] == 0}};
+    }
+  return {{"samples", done.samples}, {"values", values}};
 }
 
 Json Watch::found() const {

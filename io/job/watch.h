@@ -11,6 +11,8 @@
 
 namespace kincal {
 
+class StateBytes;
+
 class Watch {
  public:
   /// @throws InputError: the files have no covariance
@@ -22,6 +24,17 @@ class Watch {
   };
   /// Shows it a sample. @throws std::invalid_argument as Monitor::add()
   Told show(const Sample& sample);
+  /// Returns what was learnt and found, as bytes, and takes it over again. Nothing changes where
+  /// load() throws. @throws std::invalid_argument as Monitor::load()
+  std::string save() const;
+  void load(const std::string& bytes);
+
+  /// Calibrates again by these samples and what the calibration knew, but for what the groups named
+  /// may have moved by; no groups: those that were named as moved. Returns {samples, values}: how
+  /// many of the samples count, and by name of each component of the groups {change, sigma, unit,
+  /// determined}. @throws std::invalid_argument: no such group, none, samples as Monitor::add()
+  Json recalibrated(const std::vector<Sample>& samples, std::vector<std::string> groups) const;
+
   /// Names what moved so shortly before the end that it was not yet.
   void end();
 
@@ -39,6 +52,7 @@ class Watch {
  private:
   using Groups = std::vector<Moved>;  // those that explain an alarm, the likeliest first
   void tell(Json& json, std::string& words, bool named);
+  void transfer(StateBytes& bytes);
 
   Monitor monitor_;
   double every_;

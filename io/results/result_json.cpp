@@ -321,6 +321,24 @@ bool has_own_names(const ParameterEstimate& e) {
          (e.components[0] == "xi" || e.components.back() == "s4" || e.components.back() == "tau_y");
 }
 
+Json more_data_json(const MoreData& more) {
+  return {{"error", number(more.now)},
+          {"thrice", number(more.thrice)},
+          {"readings", number(more.readings)},
+          {"worth", more.worth},
+          {"open", more.open}};
+}
+
+Json bending_json(const Report& report) {
+  Json out = Json::object();
+  for (const Deflection& d : report.deflections)
+    out[d.frame] = {{"samples", d.samples},
+                    {"mean", d.mean},
+                    {"largest", d.largest},
+                    {"sample", report.solution.samples()[d.largest_in].id}};
+  return out;
+}
+
 }  // namespace
 
 std::string status_name(Status status) {
@@ -406,6 +424,7 @@ Json result_json(const Report& report) {
                                {"stated", number(report.noise_estimated->stated)}};
   json["validation"] = validation_json(report.validation);
   if (!report.loops.empty()) json["loops"] = loop_list(report.loops);
+  if (report.more) json["more_data"] = more_data_json(*report.more);
   json["unobservable"] = directions(solution.unobservable);
   add_explanation(json, report.explanation);
   if (report.diagnosis)
@@ -414,12 +433,7 @@ Json result_json(const Report& report) {
     json["automatic"] = automatic_list(report.automatic);
     json["held"] = held_list(report.automatic);
   }
-  if (!report.deflections.empty()) json["bending"] = Json::object();
-  for (const Deflection& d : report.deflections)
-    json["bending"][d.frame] = {{"samples", d.samples},
-                                {"mean", d.mean},
-                                {"largest", d.largest},
-                                {"sample", report.solution.samples()[d.largest_in].id}};
+  if (!report.deflections.empty()) json["bending"] = bending_json(report);
   json["rejected"] = Json::array();
   for (const Rejected& r : report.rejected) {
     Json one = {{"sample", r.sample}};

@@ -310,7 +310,10 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
   }
   out.by_readings.resize(6, static_cast<Eigen::Index>(by_reading.size()));
   Eigen::Index next = 0;
-  for (const auto& r : by_reading) out.by_readings.col(next++) = r.second;
+  for (const auto& r : by_reading) {
+    out.by_readings.col(next++) = r.second;
+    out.joints.push_back(r.first);
+  }
   for (MatrixXd* twists : {&out.by_unknowns, &out.by_readings})
     if (twists->cols() > 0)
       twists->topRows<3>() -=

@@ -77,6 +77,7 @@ UnseenPoses unseen_poses(const Solution& solution);
 /// reading and a sigma on the path).
 struct FrameDerivative {
   MatrixXd by_unknowns, by_readings;
+  std::vector<int> joints;  // whose readings these are
 };
 FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
                                  const VectorXd& values, const Unknowns& unknowns,

@@ -7,6 +7,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "state_bytes.h"
+
 namespace kincal {
 namespace {
 
@@ -388,6 +390,36 @@ void DriftWatch::restart(const std::vector<Moved>& found) {
   used_ = 0;
   alarm_ = false;
   log_statistic_ = -std::numeric_limits<double>::infinity();
+}
+
+void DriftWatch::transfer(StateBytes& bytes) {
+  bytes.value(latest_);
+  bytes.value(alarm_);
+  bytes.value(streak_);
+  bytes.value(log_statistic_);
+  bytes.coefficients(mean_);
+  bytes.coefficients(covariance_);
+  bytes.coefficients(sum_);
+  bytes.coefficients(sum_pull_);
+  bytes.value(sum_squares_);
+  bytes.value(sum_rows_);
+  bytes.value(used_);
+  if (used_ < 0 || used_ > static_cast<int>(starts_.size()))
+    throw std::invalid_argument("state: it is damaged");
+  for (int s = 0; s < used_; ++s) {
+    Start& start = starts_[s];
+    bytes.value(start.first);
+    bytes.value(start.weight);
+    bytes.value(start.sure);
+    for (MatrixXd& a : start.information) bytes.coefficients(a);
+    for (VectorXd& b : start.pull) bytes.coefficients(b);
+    bytes.coefficients(start.mean);
+    bytes.coefficients(start.covariance);
+    bytes.coefficients(start.before);
+    bytes.coefficients(start.before_pull);
+    bytes.value(start.before_squares);
+    bytes.value(start.before_rows);
+  }
 }
 
 }  // namespace kincal

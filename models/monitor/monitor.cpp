@@ -2,35 +2,36 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <set>
 #include <stdexcept>
 #include <utility>
 
 #include "../estimation/estimation.h"
 #include "../fitting/fit.h"
 #include "../rig/distributions.h"
+#include "../rig/numbers.h"
 #include "../rig/scales.h"
 #include "../rig/selection.h"
+#include "moving_groups.h"
+#include "state_bytes.h"
 
 namespace kincal {
 namespace {
 
 using Eigen::Index;
 
-// Residuals that the stated noise counts as: it is known to a quarter. Of simulated PR2 with 5 the
-// first factors scatter so much that there were 6 false alarms where 2.6 were stated; of one with
-// twice the noise there was none with 5 and one with 10, in 300 samples.
-constexpr double kNoiseKnown = 10;
 constexpr double kLeastVariance = 1e-3;  // over the stated one: data without noise prove nothing
-constexpr double kOutlier = 1e-6;        // share of samples: a false outlier in a million
 constexpr double kRounding = 1e-10;      // of derivatives, over the largest
 // Of the inverse variance of an innovation, over that of the noise. What is expected to 30 sigmas
 // or worse tells nothing of how a sensor fits.
 constexpr double kUnexpected = 1e-3;
+
+// Of a width: what a window leaves as uncertain as that it does not determine.
+constexpr double kUndetermined = 0.5;
 
 /// A NoiseOf is a part of a sensor's noise (SensorModel::noise_parts()); sensor -1: the readings of
 /// a joint.
@@ -102,88 +103,23 @@ void check(const Rig& rig, const Sample& sample) {
   }
 }
 
-/// The links whose joints can show in samples, and the groups of what can move.
-class MovingGroups {
- public:
-  MovingGroups(const Rig& rig, const ParameterTable& table, const std::vector<Component>& estimated)
-      : rig_(rig), table_(table), estimated_(estimated) {}
-
-  std::vector<std::pair<std::string, std::vector<Component>>> make() {
-    for (size_t s = 0; s < rig_.sensors.size(); ++s) {
-      if (alone_below_origin(static_cast<int>(s)))
-        used_.insert(table_.sensor_mount[s]);  // the origin is its mount
-      else
-        add_parameter(table_.sensor_mount[s]);
-      add_own(static_cast<int>(s));
-      add_joints(rig_.sensors[s].link);
+/// Returns the hash of what a monitor is made of. Numbers count in single precision: another
+/// machine may read them with another last digit.
+std::uint64_t hash_of(const ParameterTable& table, const CalibratedState& state,
+                      const MonitorOptions& options) {
+  std::uint64_t out = hash_bytes(nullptr, 0);
+  const auto numbers = [&](const auto& matrix) {
+    for (Index i = 0; i < matrix.size(); ++i) {
+      const auto x = static_cast<float>(matrix.data()[i]);
+      out = hash_bytes(&x, sizeof x, out);
     }
-    for (size_t t = 0; t < rig_.targets.size(); ++t) {
-      if (rig_.targets[t].link < 0) continue;
-      add_parameter(table_.target_mount[t]);
-      add_joints(rig_.targets[t].link);
-    }
-    // Origins of joints are mounts where the calibration estimated them.
-    for (const Component& c : estimated_)
-      if (table_.all[c.parameter].kind == ParameterKind::joint_origin) add_parameter(c.parameter);
-    for (const int j : joints_) add_parameter(table_.joint_offset[j]);
-    return std::move(groups_);
-  }
-
- private:
-  bool estimated(int parameter) const {
-    return std::any_of(estimated_.begin(), estimated_.end(),
-                       [&](const Component& c) { return c.parameter == parameter; });
-  }
-  /// Returns the joint with an estimated origin that carries a link, with nothing that moves
-  /// between; -1: none.
-  int carrier(int link) const {
-    for (int j = rig_.tree.joint_above[link]; j >= 0;
-         j = rig_.tree.joint_above[rig_.tree.joints[j].parent]) {
-      if (estimated(table_.joint_origin[j])) return j;
-      if (!rig_.tree.joints[j].is_rigid()) break;
-    }
-    return -1;
-  }
-  bool alone_below_origin(int sensor) const {
-    const int joint = carrier(rig_.sensors[sensor].link);
-    if (joint < 0 || estimated(table_.sensor_mount[sensor])) return false;
-    return std::count_if(rig_.sensors.begin(), rig_.sensors.end(),
-                         [&](const Sensor& other) { return carrier(other.link) == joint; }) == 1;
-  }
-  void add_joints(int link) {
-    for (const PathStep& step : find_path(rig_.tree, rig_.base, link)) {
-      const int reading = driver(rig_.tree, step.joint).joint;
-      if (table_.joint_offset[reading] >= 0 && !table_.all[table_.joint_offset[reading]].hidden())
-        joints_.insert(reading);
-    }
-  }
-  void add_parameter(int p) {
-    if (p < 0 || table_.all[p].hidden() || !used_.insert(p).second) return;
-    groups_.push_back({table_.all[p].name, components_of({whole(table_, p)})});
-  }
-  /// A lens is one group; every other block of a sensor's own numbers is one by itself.
-  void add_own(int s) {
-    std::vector<Component> lens;
-    for (size_t b = 0; b < rig_.sensors[s].parameters.size(); ++b) {
-      const int p = table_.sensor_block[s] + static_cast<int>(b);
-      const ParameterKind kind = table_.all[p].kind;
-      if (kind != ParameterKind::intrinsics && kind != ParameterKind::distortion) {
-        add_parameter(p);
-        continue;
-      }
-      for (const Component& c : components_of({whole(table_, p)})) lens.push_back(c);
-      used_.insert(p);
-    }
-    if (!lens.empty())
-      groups_.push_back({"sensor/" + rig_.sensors[s].name + "/intrinsics", std::move(lens)});
-  }
-
-  const Rig& rig_;
-  const ParameterTable& table_;
-  const std::vector<Component>& estimated_;
-  std::set<int> joints_, used_;
-  std::vector<std::pair<std::string, std::vector<Component>>> groups_;
-};
+  };
+  for (const Parameter& p : table.all) out = hash_bytes(p.name.data(), p.name.size() + 1, out);
+  numbers(state.values);
+  numbers(state.covariance);
+  numbers(state.undetermined);
+  return hash_bytes(&options.samples_between_alarms, sizeof options.samples_between_alarms, out);
+}
 
 }  // namespace
 
@@ -210,13 +146,16 @@ struct Monitor::Parts {
   VectorXd values;
   EstimationSetup setup;
   std::vector<Component> columns;
-  std::unique_ptr<DriftWatch> test;
+  MatrixXd known;       // covariance of the columns after the calibration
+  std::uint64_t owner;  // hash of the calibration and the options
+  std::optional<DriftWatch> test;
   std::map<NoiseOf, NoiseFactor> noise;  // of the noise alone
   long samples = 0, outliers = 0;
   std::optional<Pending> pending;
   bool drifting = false;  // the sample before was one
 
   explicit Parts(CalibratedState state, const MonitorOptions& options);
+  void transfer(StateBytes& bytes);
   bool equations(const Sample& sample, Equations& out, std::string& why) const;
   MatrixXd scaled(const Equations& of) const;
   /// What a sample says of each sensor and each kind of noise.
@@ -228,7 +167,7 @@ struct Monitor::Parts {
 };
 
 Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
-    : base(std::move(state.rig), {}), values(std::move(state.values)) {
+    : base(std::move(state.rig), {}), values(state.values) {
   const ParameterTable& table = base.table;
   if (values.size() != table.initial.size())
     throw std::invalid_argument(
@@ -239,9 +178,10 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
   for (const Component& c : state.columns)
     if (c.parameter < 0 || c.parameter >= static_cast<int>(table.all.size()))
       throw std::invalid_argument("columns: the rig has no such parameter");
+  owner = hash_of(table, state, options);
   // Everything that was estimated or may move; poses as a whole.
   std::vector<std::pair<std::string, std::vector<Component>>> groups =
-      MovingGroups(base.rig, table, state.columns).make();
+      moving_groups(base.rig, table, state.columns);
   const auto free = [&](const Component& c) {
     const Parameter& p = table.all[c.parameter];
     merge(setup.free, {p.pose ? whole(table, c.parameter) : Freed{c.parameter, {c.index}}});
@@ -270,7 +210,7 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     else
       moves.col(i).segment<6>(place({c.parameter, 0})) = chart->second.col(c.index);
   }
-  MatrixXd known = state.covariance;
+  known = state.covariance;
   for (Index k = 0; k < state.undetermined.cols(); ++k) {
     const VectorXd open = usual.cwiseProduct(state.undetermined.col(k));
     known += open * open.transpose();
@@ -285,9 +225,9 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     }
     drift.push_back(std::move(of));
   }
-  test = std::make_unique<DriftWatch>(moves * known * moves.transpose(), std::move(drift),
-                                      options.samples_between_alarms,
-                                      static_cast<int>(columns.size()) + 1);
+  known = moves * known * moves.transpose();
+  test.emplace(known, std::move(drift), options.samples_between_alarms,
+               static_cast<int>(columns.size()) + 1);
 }
 
 /// Makes the equations of a sample; false, and why, where they are not defined.
@@ -432,6 +372,7 @@ Monitor::Parts::Expected Monitor::Parts::expected(const Equations& of, const Mat
 Monitor::Monitor(CalibratedState state, const MonitorOptions& options)
     : parts_(std::make_unique<Parts>(std::move(state), options)) {}
 Monitor::~Monitor() = default;
+Monitor::Monitor(const Monitor& other) : parts_(std::make_unique<Parts>(*other.parts_)) {}
 Monitor::Monitor(Monitor&&) noexcept = default;
 Monitor& Monitor::operator=(Monitor&&) noexcept = default;
 
@@ -541,6 +482,117 @@ std::vector<NoiseSeen> Monitor::noise() const {
     if (seen.residuals > 0)
       out.push_back({kind.first, kind.second, std::sqrt(seen.variance()), seen.residuals});
   return out;
+}
+
+void Monitor::Parts::transfer(StateBytes& bytes) {
+  bytes.value(samples);
+  bytes.value(outliers);
+  bytes.value(drifting);
+  bool waits = pending.has_value();
+  bytes.value(waits);
+  if (!bytes.writes()) pending = waits ? std::optional<Pending>(Pending()) : std::nullopt;
+  if (pending) {
+    bytes.value(pending->rows);
+    bytes.value(pending->right);
+    bytes.value(pending->sample);
+    if (pending->rows.cols() != static_cast<Index>(columns.size()) ||
+        pending->rows.rows() > pending->rows.cols() + 1 ||
+        pending->right.size() != pending->rows.rows())
+      throw std::invalid_argument("state: it is damaged");
+  }
+  std::vector<std::pair<NoiseOf, NoiseFactor>> factors(noise.begin(), noise.end());
+  bytes.list(factors, [&](std::pair<NoiseOf, NoiseFactor>& f) {
+    bytes.value(f.first.first);
+    bytes.value(f.first.second);
+    bytes.value(f.second.squares);
+    bytes.value(f.second.residuals);
+  });
+  noise = {factors.begin(), factors.end()};
+  test->transfer(bytes);
+}
+
+Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
+                                    const std::vector<int>& groups, int iterations) const {
+  const Parts& p = *parts_;
+  if (iterations < 1) throw std::invalid_argument("iterations: at least 1 is expected");
+  for (const int g : groups)
+    if (g < 0 || g >= static_cast<int>(p.test->groups().size()))
+      throw std::invalid_argument("groups: there is no such group");
+  for (const Sample& sample : window) check(p.base.rig, sample);
+  const auto n = static_cast<Index>(p.columns.size());
+  MatrixXd prior = p.known;
+  VectorXd width = VectorXd::Zero(n);
+  for (const int g : groups) {
+    const DriftGroup& group = p.test->groups()[g];
+    for (size_t i = 0; i < group.columns.size(); ++i)
+      width(group.columns[i]) = group.width(static_cast<Index>(i));
+  }
+  prior.diagonal() += width.cwiseAbs2();
+  Parts now = p;  // linearises at the values so far
+  VectorXd change = VectorXd::Zero(n);
+  Recalibration out;
+  std::vector<char> used(window.size(), 1);
+  for (int i = 0; i < iterations; ++i) {
+    std::vector<MatrixXd> all(window.size());
+    std::vector<double> rows(window.size(), 0);
+    MatrixXd information = MatrixXd::Zero(n, n);
+    VectorXd pull = VectorXd::Zero(n);
+    for (size_t k = 0; k < window.size(); ++k) {
+      Equations e;
+      std::string why;
+      if (!now.equations(window[k], e, why)) continue;
+      all[k] = without_privates(now.scaled(e), e.private_size);
+      rows[k] = static_cast<double>(all[k].rows());
+      all[k] = compressed(all[k]);
+      if (!used[k]) continue;
+      information.noalias() += all[k].leftCols(n).transpose() * all[k].leftCols(n);
+      pull.noalias() -= all[k].leftCols(n).transpose() * all[k].col(n);
+    }
+    // The whole change is N(0, prior); this step is what of it is left.
+    const Eigen::PartialPivLU<MatrixXd> lu(MatrixXd::Identity(n, n) + prior * information);
+    const MatrixXd covariance = lu.solve(prior);
+    out.state.covariance = 0.5 * (covariance + covariance.transpose());
+    const VectorXd step = covariance * (pull + information * change) - change;
+    // Of samples that do not fit the better half counts all the same: where some are wrong, the
+    // first iterations fit none.
+    std::vector<double> misfit(window.size(), 0);  // over that of chance
+    for (size_t k = 0; k < window.size(); ++k) {
+      if (rows[k] == 0) continue;
+      const double chi2 = (all[k].leftCols(n) * step + all[k].col(n)).squaredNorm();
+      misfit[k] = chi2_tail(chi2, rows[k]) >= kOutlier ? 0 : chi2 / rows[k];
+    }
+    const double limit = median(misfit, 0);
+    out.samples = 0;
+    for (size_t k = 0; k < window.size(); ++k) {
+      used[k] = misfit[k] <= limit;
+      out.samples += rows[k] > 0 && misfit[k] == 0;
+    }
+    change += step;
+    now.values = changed_values(p.base.table, p.values, p.columns, change);
+  }
+  out.change = change;
+  out.state.rig = p.base.rig;
+  out.state.values = now.values;
+  out.state.columns = p.columns;
+  // Of what was not opened the calibration says what is known.
+  for (Index i = 0; i < n; ++i)
+    out.undetermined.push_back(width(i) > 0 &&
+                               std::sqrt(out.state.covariance(i, i)) > kUndetermined * width(i));
+  return out;
+}
+
+std::string Monitor::save() const {
+  StateBytes bytes(parts_->owner);
+  parts_->transfer(bytes);
+  return bytes.finish();
+}
+
+void Monitor::load(const std::string& from) {
+  StateBytes bytes(from, parts_->owner);
+  auto loaded = std::make_unique<Parts>(*parts_);
+  loaded->transfer(bytes);
+  bytes.expect_end();
+  parts_ = std::move(loaded);
 }
 
 }  // namespace kincal

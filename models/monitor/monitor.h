@@ -19,8 +19,7 @@
 // any. Where outliers raise the alarm and the likeliest group leaves them outliers, it is no drift:
 // they are unexplained.
 //
-// A group is what moves together: the mount of a sensor or target, the offset of a joint, a
-// camera's intrinsics with its distortion, a baseline, a range's scale or offset.
+// A group is what moves together (moving_groups.h).
 #pragma once
 
 #include <map>
@@ -82,11 +81,20 @@ struct NoiseSeen {
   double factor = 1, residuals = 0;
 };
 
+/// A Recalibration is a calibration by the last one and some samples since then.
+struct Recalibration {
+  CalibratedState state;           // for another monitor; its columns are this one's
+  VectorXd change;                 // of the columns, from the last calibration
+  std::vector<char> undetermined;  // by column: it may have moved, and the samples do not tell
+  int samples = 0;                 // that count; the others do not fit or cannot be evaluated
+};
+
 class Monitor {
  public:
   /// @throws std::invalid_argument: sizes that do not fit
   explicit Monitor(CalibratedState state, const MonitorOptions& options = {});
   ~Monitor();
+  Monitor(const Monitor&);
   Monitor(Monitor&&) noexcept;
   Monitor& operator=(Monitor&&) noexcept;
 
@@ -100,6 +108,20 @@ class Monitor {
   /// Counts changes from now on. With `accept` the likeliest of moved() has happened: the estimate
   /// contains it from now on.
   void restart(bool accept);
+
+  /// Calibrates again: what the calibration knew, without what these groups may have moved by, and
+  /// the samples of a window, with so many Gauss-Newton iterations. The worse half of the samples
+  /// that do not fit after an iteration does not count in the next. The monitor stays as it is.
+  /// @throws std::invalid_argument: no such group, or a sample as add() refuses it
+  Recalibration recalibrated(const std::vector<Sample>& window, const std::vector<int>& groups,
+                             int iterations = 5) const;
+
+  /// Returns what the monitor has learnt, as bytes for load().
+  std::string save() const;
+  /// Takes over what a monitor of the same calibration and options has learnt. Nothing changes
+  /// where it throws. @throws std::invalid_argument: the bytes are damaged, truncated, of another
+  /// version, or belong to another calibration
+  void load(const std::string& bytes);
 
   const std::vector<DriftGroup>& groups() const;
   /// Returns the component that every column is.

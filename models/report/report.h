@@ -20,6 +20,7 @@
 #include "../analysis/weak_directions.h"
 #include "../automatic/automatic.h"
 #include "../calibration/solution.h"
+#include "../design/design.h"
 #include "../doctor/doctor.h"
 #include "../trials/outliers.h"
 #include "../trials/restarts.h"
@@ -60,6 +61,7 @@ struct Report {
   Residuals residuals;
   std::vector<NoiseLevel> noise_levels;        // of the last step's sensors and joints
   std::optional<NoiseRounds> noise_estimated;  // else the sigmas are the rig's
+  std::optional<MoreData> more;                // what more of them would bring
   DataEquations data;                          // what they alone say of the last step's unknowns
   Explanation explanation;                     // weakly determined directions of the last step
   std::vector<Leverage> leverage;              // above 1 sigma, largest first

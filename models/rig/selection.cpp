@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <map>
 
 #include "geometry.h"
 #include "numbers.h"
@@ -214,6 +215,22 @@ std::vector<Component> components_of(const std::vector<Freed>& free) {
   for (const Freed& f : free)
     for (int c : f.components) out.push_back({f.parameter, c});
   return out;
+}
+
+VectorXd changed_values(const ParameterTable& table, VectorXd values,
+                        const std::vector<Component>& components, const VectorXd& by) {
+  std::map<int, Vector6d> poses;
+  for (size_t i = 0; i < components.size(); ++i) {
+    const Component& c = components[i];
+    const double change = by(static_cast<Eigen::Index>(i));
+    if (table.all[c.parameter].pose)
+      poses.emplace(c.parameter, Vector6d::Zero()).first->second(c.index) += change;
+    else
+      values(table.all[c.parameter].start + c.index) += change;
+  }
+  for (const auto& [p, increment] : poses)
+    set_pose(values, table.all[p].start, get_pose(values, table.all[p].start) * exp_se3(increment));
+  return values;
 }
 
 }  // namespace kincal

@@ -59,4 +59,8 @@ void clear_steps(Rig& rig);
 /// Returns the components one by one, in order: the columns of a problem that frees them.
 std::vector<Component> components_of(const std::vector<Freed>& free);
 
+/// Returns values with components changed: of poses by increments on the right.
+VectorXd changed_values(const ParameterTable& table, VectorXd values,
+                        const std::vector<Component>& components, const VectorXd& by);
+
 }  // namespace kincal

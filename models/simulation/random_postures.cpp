@@ -1,5 +1,6 @@
 #include "random_postures.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <stdexcept>
 
@@ -9,7 +10,7 @@
 namespace kincal {
 namespace {
 
-constexpr int kTrials = 1000;  // a sample
+constexpr int kTrials = 1000, kReaches = 20;  // a sample
 
 /// Does the posture move the target relative to the sensor? A scanning joint is no part of the
 /// posture.
@@ -72,20 +73,31 @@ Draft RandomPostures::next(int k) {
   const PostureGroup& group = groups_[k % groups_.size()];
   const SensorTarget goal = group.observers[(k / groups_.size()) % group.observers.size()];
   const std::pair<int, SensorTarget> effort{group.holder, goal};
+  const auto reached = [&]() -> std::optional<Draft> {
+    for (int i = 0; i < kReaches; ++i)
+      if (std::optional<Draft> draft = reach(k, group, goal)) return draft;
+    return std::nullopt;
+  };
+  if (reached_.count(goal))
+    if (std::optional<Draft> draft = reached()) return *draft;
   for (int i = 0; i < kTrials && !failed_goals_.count(effort); ++i)
     if (std::optional<Draft> draft = attempt(k, group, &goal)) return *draft;
   failed_goals_.insert(effort);
+  long relaxed = 0;
   while (relaxed_ < static_cast<long>(kTrials) * samples_) {
     ++relaxed_;
     if (std::optional<Draft> draft = attempt(k, group, nullptr)) return *draft;
+    if (++relaxed % kTrials == 0 && group.target < 0) {
+      if (std::optional<Draft> draft = reached()) {
+        reached_.insert(goal);
+        return *draft;
+      }
+    }
   }
   give_up(group);
 }
 
-/// A sample if a random posture shows enough, and the goal if there is one.
-std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
-                                             const SensorTarget* goal) {
-  ++trials_;
+Posture RandomPostures::random_posture(int k) {
   Posture posture;
   posture.id = std::to_string(k);
   posture.id =
@@ -95,17 +107,74 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
     const auto [low, high] = usual_range(rig_.tree.joints[j]);
     posture.readings[j] = draws_.uniform(low, high);
   }
-  std::vector<SensorTarget> views;
-  if (group.holder >= 0) {
-    views.push_back({group.holder, group.target});
-  } else if (group.target >= 0) {
+  return posture;
+}
+
+/// A sample if a random posture shows enough, and the goal if there is one.
+std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
+                                             const SensorTarget* goal) {
+  ++trials_;
+  Posture posture = random_posture(k);
+  if (group.holder < 0 && group.target >= 0) {
     Sample robot;
     robot.readings = posture.readings;
     const int before =
         goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
     posture.targets[group.target] = world_.place(robot, before, group.target, draws_);
   }
-  const RandomStream noise(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k));
+  return carry_out(std::move(posture), group, goal,
+                   RandomStream(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k)));
+}
+
+/// A sample if joints can be moved so that the goal is seen, from a random posture on.
+std::optional<Draft> RandomPostures::reach(int k, const PostureGroup& group,
+                                           const SensorTarget& goal) {
+  constexpr int kSteps = 40;
+  constexpr double kDifference = 1e-6, kDamping = 1e-3;  // rad or m; of m and rad alike
+  ++trials_;
+  Posture posture = random_posture(k);
+  const std::vector<int> moving =
+      joints_between(rig_, rig_.sensors[goal.first].link, rig_.targets[goal.second].link,
+                     rig_.sensors[goal.first].scanning_joint);
+  Sample robot;
+  robot.readings = posture.readings;
+  const Pose wanted = world_.sensor_T_target(robot, goal.first,
+                                             world_.place(robot, goal.first, goal.second, draws_));
+  const auto off = [&] {
+    return log_se3(inverse(world_.sensor_T_target(robot, goal.first, goal.second)) * wanted);
+  };
+  const auto count = static_cast<Eigen::Index>(moving.size());
+  for (int step = 0; step < kSteps; ++step) {
+    const Vector6d e = off();
+    if (!e.allFinite() || e.norm() < 1e-3) break;
+    Eigen::Matrix<double, 6, Eigen::Dynamic> j(6, count);
+    for (Eigen::Index c = 0; c < count; ++c) {
+      double& reading = robot.readings[moving[static_cast<size_t>(c)]];
+      const double at = reading;
+      reading = at + kDifference;
+      j.col(c) = (off() - e) / kDifference;
+      reading = at;
+    }
+    const Matrix6d damped = j * j.transpose() + kDamping * Matrix6d::Identity();
+    const VectorXd change = -j.transpose() * damped.ldlt().solve(e);
+    for (Eigen::Index c = 0; c < count; ++c) {
+      const int joint = moving[static_cast<size_t>(c)];
+      const auto [low, high] = usual_range(rig_.tree.joints[joint]);
+      robot.readings[joint] =
+          std::clamp(robot.readings[joint] + std::clamp(change(c), -0.5, 0.5), low, high);
+    }
+  }
+  posture.readings = robot.readings;
+  return carry_out(std::move(posture), group, &goal,
+                   RandomStream(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k)));
+}
+
+/// A sample if the posture shows enough, and the goal if there is one.
+std::optional<Draft> RandomPostures::carry_out(Posture posture, const PostureGroup& group,
+                                               const SensorTarget* goal,
+                                               const RandomStream& noise) {
+  std::vector<SensorTarget> views;
+  if (group.holder >= 0) views.push_back({group.holder, group.target});
   if (goal) {  // the cheap question first
     std::vector<SensorTarget> first = views;
     first.push_back(*goal);

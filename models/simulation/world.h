@@ -52,6 +52,14 @@ class World {
   /// least 0.5 m away. Both: its front to them, tilted up to 45 degrees and turned at will. Others:
   /// 0.5 to 2 m away, at will.
   Pose place(const Sample& robot, int sensor, int target, RandomStream& draws) const;
+  /// Returns where a sensor has a mounted target.
+  Pose sensor_T_target(const Sample& robot, int sensor, int target) const {
+    return inverse(base_T_sensor(robot, sensor)) * at(robot).base_T_target(target);
+  }
+  /// Returns where a sensor has it that stands at base_T_target.
+  Pose sensor_T_target(const Sample& robot, int sensor, const Pose& base_T_target) const {
+    return inverse(base_T_sensor(robot, sensor)) * base_T_target;
+  }
 
  private:
   Configuration at(const Sample& robot) const {

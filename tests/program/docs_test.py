@@ -335,7 +335,7 @@ def main():
         links += check_links(path, source)
         check_text(path)
         check_paths(path, source)
-    for name in ("arm", "pr2"):
+    for name in ("arm", "pr2", "static_view"):
         example = os.path.join(source, "examples", name, "README.md")
         count += run_document(example, source, binary)
         links += check_links(example, source)

@@ -2,7 +2,7 @@
 
 The PR2-like robot of the examples, calibrated, and samples that it logs afterwards, by `simulate`. Proves: a robot that stays as it was gives exit code 0; a stereo baseline that changes by 0.5 mm and a shoulder
 whose offset changes by 5 mrad are named, with size and sample, exit code 6, in words and as JSON; standard input gives the same as the file; a shifted picture is an outlier that is left out; noise that is twice
-the stated one is told and is no drift; mistakes are named. The library core needs nothing but Eigen and the standard libraries. Does not prove: rates of false alarms (models/monitor/drift_watch_test.cpp).
+the stated one is told and is no drift; the state goes on from file to file; cameras that stand still are told from one whose picture shifts by 3 to 37 px, in the first picture; mistakes are named. The library core needs nothing but Eigen and the standard libraries. Does not prove: rates of false alarms (models/monitor/drift_watch_test.cpp).
 """
 import json
 import os
@@ -145,6 +145,87 @@ class Monitor(unittest.TestCase):
         wrong[2]["views"][0]["sensor"] = "nobody"
         self.assertIn("wrong.jsonl:3: views[0].sensor", run("monitor", self.path("result"), self.written("wrong.jsonl", wrong), code=1))
         self.assertIn("--false-alarms", run("monitor", self.path("result"), file, "--false-alarms", "1", code=1))
+
+
+    def test_state(self):
+        """Two logs with the state kept between are one log."""
+        samples = self.healthy[:AT] + self.simulated("moved", {"sensor/narrow_right/baseline": 0.0916})[AT:]
+        whole = run("monitor", self.path("result"), self.written("whole.jsonl", samples), "--quiet", code=6)
+        state = self.path("monday.state")
+        self.assertIn("Nothing has moved", run("monitor", self.path("result"), self.written("monday.jsonl", samples[:AT - 5]), "--quiet", "--state", state))
+        tuesday = self.written("tuesday.jsonl", samples[AT - 5:])
+        with open(state, "rb") as f:
+            saved = f.read()
+        self.assertEqual(run("monitor", self.path("result"), tuesday, "--quiet", "--state", state, code=6), whole)
+        with open(state, "wb") as f:
+            f.write(saved[:-1])
+        self.assertIn("monday.state: state: it is truncated", run("monitor", self.path("result"), tuesday, "--quiet", "--state", state, code=1))
+        with open(state, "wb") as f:
+            f.write(saved)
+        self.assertIn("belongs to another calibration, or to other options",
+                      run("monitor", self.path("result"), tuesday, "--quiet", "--state", state, "--false-alarms", "500", code=1))
+
+
+class Static(unittest.TestCase):
+    """Two cameras on tripods see a board and some points of the background."""
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="kincal_static_")
+        self.addCleanup(shutil.rmtree, self.folder, ignore_errors=True)
+
+    def file(self, samples):
+        path = os.path.join(self.folder, "samples.jsonl")
+        with open(path, "w") as f:
+            f.write("".join(json.dumps(s) + "\n" for s in samples))
+        return path
+
+    def samples(self, count, moved_at=None, by=(0, 0)):
+        draw = random.Random(3)
+        board = [(300 + 40 * (i % 6), 200 + 40 * (i // 6)) for i in range(30)]
+        background = [(draw.uniform(0, 1280), draw.uniform(0, 720)) for _ in range(12)]
+        out = []
+        for n in range(count):
+            views = []
+            for sensor in ("left", "right"):
+                shift = by if sensor == "right" and moved_at is not None and n >= moved_at else (0, 0)
+                for target, points, extra in (("board", board, {}), ("background", background, {"ids": list(range(12))})):
+                    pixels = [[u + shift[0] + draw.gauss(0, 0.1), v + shift[1] + draw.gauss(0, 0.1)] for u, v in points]
+                    views.append({"sensor": sensor, "target": target, "pixels": pixels, **extra})
+            out.append({"id": "p%03d" % n, "views": views})
+        return out
+
+    def test_still(self):
+        told = run("monitor", "--static", self.file(self.samples(60)))
+        self.assertIn("60 samples. Nothing has moved (one false alarm in about 10000 samples of a camera).", told)
+        noise = float(told.split("right: 42 points, noise ")[1].split(" px")[0])
+        self.assertLess(abs(noise - 0.1), 0.01)
+
+    def test_moved(self):
+        for size in (3, 10, 37):
+            file = self.file(self.samples(60, 40, (0.6 * size, -0.8 * size)))
+            lines = [json.loads(line) for line in run("monitor", "--static", file, "--json", code=6).splitlines()]
+            moved = [(line["sample"], name) for line in lines for name, one in line["sensors"].items() if one["moved"]]
+            self.assertEqual(moved, [("p040", "right")])
+            found = lines[40]["sensors"]["right"]["moved"]
+            self.assertEqual((found["what"], found["since"]), ("camera", "p040"))
+            for shift, sigma, by in zip(found["shift"], found["sigma"], (0.6, -0.8)):
+                self.assertLess(abs(shift - by * size), 5 * sigma)
+        with open(file) as f:
+            text = f.read()
+        words = run("monitor", "--static", "-", text=text, code=6)
+        self.assertIn("p040: right has moved: its picture by +22.", words)
+        self.assertIn("since sample 'p040'", words)
+
+    def test_mistakes(self):
+        samples = self.samples(3)
+        samples[1]["views"][1]["ids"] = [1]
+        self.assertIn("samples.jsonl:2: views[1].ids: as many as 'pixels' are expected: 12", run("monitor", "--static", self.file(samples), code=1))
+        samples = self.samples(3)
+        samples[2]["views"][1]["target"] = "board"
+        self.assertIn("samples.jsonl:3: views[1]: board, point 0 stands twice", run("monitor", "--static", self.file(samples), code=1))
+        file = self.file(self.samples(3))
+        self.assertIn("--static takes SAMPLES alone", run("monitor", "--static", file, file, code=1))
+        self.assertIn("SAMPLES is missing", run("monitor", file, code=1))
+        self.assertIn("all of them to learn from (10 are needed)", run("monitor", "--static", file))
 
 
 class Core(unittest.TestCase):

@@ -13,6 +13,7 @@ import io
 import json
 import os
 import pickle
+import random
 import re
 import shutil
 import signal
@@ -484,6 +485,52 @@ class Watching(Folder):
                 kincal.Monitor(self.path("wrong"), **bad)
         with self.assertRaises(kincal.InputError):
             kincal.Monitor(os.path.join(PR2, "rig.yaml"))
+
+
+    def test_state_and_recalibration(self):
+        rig = os.path.join(PR2, "rig.yaml")
+        with open(os.path.join(PR2, "truth_values.json")) as file:
+            truth = json.load(file)["parameters"]
+        result = kincal.calibrate(rig, os.path.join(PR2, "samples.jsonl"), no_report=True)
+        name = "sensor/narrow_right/baseline"
+        moved = {"parameters": dict(truth, **{name: truth[name] + 0.0005})}
+        later = list(kincal.simulate(rig, 64, 4, truth=moved, postures=os.path.join(PR2, "postures.jsonl")).samples)
+        one, other = kincal.Monitor(result), kincal.Monitor(result)
+        for sample in later[:30]:
+            one.add(sample)
+        state = one.save()
+        other.load(state)
+        self.assertEqual(one.add(later[30]), other.add(later[30]))
+        self.assertEqual(one.moved, other.moved)
+        self.assertEqual(one.moved[0][0]["group"], name)
+        before = other.save()
+        for wrong in (state[:-1], b"", state[:100] + b"x" + state[101:]):
+            with self.assertRaises(kincal.InputError):
+                other.load(wrong)
+        self.assertEqual(other.save(), before)
+        for groups in ([], [name]):
+            done = one.recalibrated(later, groups)
+            self.assertEqual(done["samples"], 64)
+            found = done["values"][name]
+            self.assertTrue(found["determined"])
+            self.assertLess(abs(found["change"] - 0.0005), 4 * found["sigma"])
+            self.assertLess(found["sigma"], 0.0001)
+        with self.assertRaises(kincal.InputError) as wrong:
+            one.recalibrated(later, ["sensor/narrow_rihgt/baseline"])
+        self.assertIn("nearest: sensor/narrow_right/baseline", str(wrong.exception))
+
+    def test_static_views(self):
+        draw = random.Random(1)
+        views, shift = kincal.StaticViews(), 0
+        for n in range(40):
+            shift = 3 if n == 30 else shift
+            pixels = [[100 * (i % 5) + shift + draw.gauss(0, 0.1), 100 * (i // 5) + draw.gauss(0, 0.1)] for i in range(20)]
+            told = views.add({"id": str(n), "views": [{"sensor": "eye", "pixels": pixels}]})["sensors"]["eye"]
+            self.assertEqual(told["learning"], n < 10 or n > 30)
+            self.assertEqual(told["moved"] is not None, n == 30)
+        self.assertIn("eye has moved", repr(views))
+        with self.assertRaises(kincal.InputError):
+            views.add({"views": [{"sensor": "eye"}]})
 
 
 class Running(Folder):

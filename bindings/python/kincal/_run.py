@@ -130,8 +130,44 @@ class Monitor:
         factors: Dict[str, float] = json.loads(self._monitor.noise())
         return factors
 
+    def recalibrated(self, samples: SamplesLike, groups: Sequence[str] = ()) -> Dict[str, Any]:
+        """Calibrates again by these samples and what the calibration knew, but for what `groups` may have moved by (none: those that were named as moved): {"samples": how many count, "values":
+        {name: {"change", "sigma", "unit", "determined"}}}. The monitor stays as it is."""
+        stored = as_samples(samples)
+        done: Dict[str, Any] = json.loads(self._monitor.recalibrated(stored.text, stored.path, list(groups)))
+        return done
+
+    def save(self) -> bytes:
+        """What was learnt, as bytes: `load` of a monitor of the same result and `false_alarms` goes on from there."""
+        state: bytes = self._monitor.save()
+        return state
+
+    def load(self, state: bytes) -> None:
+        """Goes on from there. Bytes that are damaged or of another calibration are an InputError and change nothing."""
+        self._monitor.load(state)
+
     def __repr__(self) -> str:
         summary: str = self._monitor.summary()
+        return summary.rstrip()
+
+
+class StaticViews:
+    """Watches cameras that should stand still and see things that do not move, without a calibration; as `kincal monitor --static`. The first `learning` samples of a camera say where everything is."""
+
+    def __init__(self, *, false_alarms: float = 10000, learning: int = 10) -> None:
+        if not false_alarms >= 10:
+            raise InputError("false_alarms: %r is below 10" % (false_alarms,))
+        if not learning >= 3:
+            raise InputError("learning: %r is below 3" % (learning,))
+        self._views = _kincal.StaticViews(false_alarms, learning)
+
+    def add(self, sample: Mapping[str, Any]) -> Dict[str, Any]:
+        """What is said of a sample {"views": [{"sensor": name, "ids": [...], "pixels": n x 2}]}: for each sensor {"learning", "chi2", "dof", "probability", "left_out", "largest", "moved"}."""
+        one: Dict[str, Any] = json.loads(self._views.show(json.dumps(plain(sample, "sample"), ensure_ascii=False), "sample"))
+        return one
+
+    def __repr__(self) -> str:
+        summary: str = self._views.summary()
         return summary.rstrip()
 
 

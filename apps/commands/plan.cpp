@@ -1,0 +1,98 @@
+// `kincal plan`: which postures to record next, and what they will bring.
+#include <cstdio>
+#include <iostream>
+
+#include "../../io/document/files.h"
+#include "../../io/job/plan.h"
+#include "../job.h"
+#include "../signals.h"
+#include "command.h"
+
+namespace kincal {
+namespace {
+
+struct PlanArguments {
+  std::string rig, samples, out, postures;
+  PlanSettings settings;
+  double clearance = 20;  // mm
+  bool no_clearance = false, json = false, force = false, quiet = false;
+};
+
+int plan(const PlanArguments& a) {
+  check_output_file(a.out, a.force);
+  const RigFile rig_file = read_rig(rig_path(a.rig));
+  PlanSettings settings = a.settings;
+  settings.clearance = a.no_clearance ? -1 : a.clearance / 1000;
+  if (!a.postures.empty()) settings.postures = NamedText{a.postures, read_file(a.postures)};
+  ProgressLine line(a.quiet || a.json);
+  std::optional<SampleSet> samples;
+  if (!a.samples.empty())
+    samples = parse_sample_set(read_file(a.samples), a.samples, rig_file.rig, line.progress());
+  const PosturePlan made =
+      plan_postures(rig_file, samples ? &*samples : nullptr, settings, line.progress());
+  line.clear();
+  begin_writing();
+  if (!write_file(a.out, postures_text(rig_file.rig, made.postures), a.force, not_interrupted))
+    return say_interrupted();
+  if (a.json)
+    std::cout << plan_json(made).dump(1) << "\n";
+  else if (!a.quiet)
+    std::cout << plan_text(made) << made.postures.size() << " postures written to " << a.out
+              << ", in an order that is short to drive.\n";
+  return made.tolerance && made.needed < 0 ? kToleranceNotMet : kConverged;
+}
+
+}  // namespace
+
+Command plan_command(CLI::App& app) {
+  auto a = std::make_shared<PlanArguments>();
+  CLI::App* command =
+      app.add_subcommand("plan", "Choose the postures to record next, and predict what they bring");
+  command->add_option("RIG", a->rig, "rig.yaml, or a result directory")->required();
+  command->add_option("SAMPLES", a->samples, "what was recorded already; without, nothing was");
+  command->add_option("--next", a->settings.next, "how many postures")
+      ->check(CLI::Range(1, 1000))
+      ->type_name("K")
+      ->capture_default_str();
+  command->add_option("--out", a->out, "the postures to write, JSON lines")
+      ->required()
+      ->type_name("FILE");
+  command
+      ->add_option("--goal", a->settings.goal,
+                   "what is to be known: frame/LINK (where it is, over the joints' limits), with a "
+                   "tolerance: 'frame/LINK<0.5mm'; names of parameters; parameters: what the "
+                   "sensors see")
+      ->type_name("GOAL")
+      ->capture_default_str();
+  command->add_option("--candidates", a->settings.candidates, "so many postures are chosen from")
+      ->check(CLI::Range(10, 100000))
+      ->type_name("N")
+      ->capture_default_str();
+  command
+      ->add_option("--postures", a->postures,
+                   "choose from these (JSON lines), which are known to be safe")
+      ->type_name("FILE");
+  command
+      ->add_option("--clearance", a->clearance,
+                   "mm that links keep from each other; they count as the boxes around their "
+                   "shapes, and pairs that are near in the robot as it is drawn are not looked at")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->type_name("MM")
+      ->capture_default_str();
+  command->add_flag("--no-clearance", a->no_clearance, "do not look whether links touch");
+  command->add_option("--seed", a->settings.seed, "the same seed makes the same candidates")
+      ->capture_default_str();
+  command->add_flag("--json", a->json, "print the forecast as JSON");
+  command->add_flag("--force", a->force, "replace an existing file");
+  command->add_flag("--quiet", a->quiet, "print nothing");
+  command->footer(
+      "Candidates are random postures in which a sensor sees a target whole, whatever the mounts "
+      "are as far as they are known.\n"
+      "Chosen are those that together make the predicted error at the goal smallest; `kincal "
+      "simulate --postures` tries them out.\n"
+      "Exit codes: 0 planned; 1 bad input or usage; 4 the tolerance is out of reach; 130 "
+      "interrupted, nothing written.");
+  return {command, [a] { return plan(*a); }};
+}
+
+}  // namespace kincal

@@ -1,0 +1,56 @@
+// Which postures to record next, as `kincal plan` says it.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "../../models/design/design.h"
+#include "../../models/simulation/posture.h"
+#include "../results/json_values.h"
+#include "job.h"
+#include "simulate.h"
+
+namespace kincal {
+
+struct PlanSettings {
+  int next = 20, candidates = 2000;
+  std::uint64_t seed = 1;
+  std::string goal = "parameters";    // that, frame/NAME[<LIMIT], or names and globs
+  std::optional<NamedText> postures;  // candidates that are known to be safe
+  double clearance = 0.02;            // m between links; below 0: they are not looked at
+  Words words = Words::switches;
+};
+
+/// A PlanStep is a row of the forecast: predicted errors of the calibration after so many postures.
+struct PlanStep {
+  int postures = 0;
+  double planned = 0, random = 0;
+};
+
+struct PosturePlan {
+  DesignGoal goal;
+  std::optional<Requirement> tolerance;
+  std::vector<Posture> postures;  // in the order in which they are short to drive
+  std::vector<PlanStep> forecast;
+  double floor = 0;                      // what no posture lowers
+  std::vector<std::string> floor_names;  // components of the direction that it is due to
+  int enough = -1;                       // postures; -1: more than were planned
+  int needed = -1;                       // for the tolerance; -1: it is out of reach
+  int candidates = 0;
+  std::vector<std::pair<std::string, int>> left_out;  // why, and how many candidates
+  std::vector<std::string> notes;
+};
+
+/// Plans postures for a calibration of this rig, after these samples (null: there are none).
+/// @throws InputError, std::exception, Cancelled
+PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
+                          const PlanSettings& settings, const Progress& progress);
+
+/// One JSON line a posture, as --postures takes them.
+std::string postures_text(const Rig& rig, const std::vector<Posture>& postures);
+Json plan_json(const PosturePlan& plan);
+std::string plan_text(const PosturePlan& plan);
+
+}  // namespace kincal

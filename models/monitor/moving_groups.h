@@ -1,0 +1,19 @@
+// What of a robot moves together when it is hit or repaired: the mount of a sensor or target, the
+// offset of a joint, a camera's intrinsics with its distortion, a baseline, a range's scale or
+// offset.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "../rig/parameters.h"
+
+namespace kincal {
+
+/// Returns the groups by name. Joints count that can show in samples; origins of joints are mounts
+/// where the calibration estimated them.
+std::vector<std::pair<std::string, std::vector<Component>>> moving_groups(
+    const Rig& rig, const ParameterTable& table, const std::vector<Component>& estimated);
+
+}  // namespace kincal
