@@ -23,8 +23,8 @@ void copy_text(char* to, size_t size, const std::string& from) {
   size_t end = std::min(from.size(), size - 1);
   if (end < from.size())
     while (end > 0 && (static_cast<unsigned char>(from[end]) & 0xC0) == 0x80) --end;
-  std::memcpy(to, from.data(), end);
-  std::memset(to + end, 0, size - end);
+  from.copy(to, end);
+  std::fill(to + end, to + size, '\0');
 }
 
 namespace {

@@ -327,8 +327,9 @@ typedef struct kincal_change {
   char name[256];
   char unit[16];
 } kincal_change;
-/* Finds what may have moved, the likeliest first, in some milliseconds: `count` groups, none before
- * samples did not fit. They are kept until the next sample or restart. [one] */
+/* Finds what may have moved, the likeliest first, in some milliseconds: `count` groups, with their
+ * probabilities if something has (it is asked after an alarm); none before the first sample. They
+ * are kept until the next sample or restart. [one] */
 KINCAL_API kincal_status kincal_monitor_find(kincal_monitor* monitor, size_t* count,
                                              kincal_error* error);
 /* [one] */

@@ -108,7 +108,7 @@ class Packages(helpers.Folder):
             self.assertIn("libyaml-cpp", needed)
             self.assertNotIn("opencv", needed)
             self.assertIn("libkincal0 (= %s)" % version, depends)
-            self.assertIn("activate-noawait ldconfig", run("dpkg-deb", "-I", self.packages["libkincal0"], "triggers"))
+            self.assertIn("ldconfig", run("dpkg-deb", "-I", self.packages["libkincal0"], "postinst"))
 
     def works(self, folder):
         """The package as it stands in a folder."""
