@@ -6,11 +6,13 @@
  * what its handles hold nor what it would have written (but for `needed`).
  *
  * Functions return KINCAL_OK or why not, and fill in `error`, if it is not NULL. Nothing is thrown,
- * printed, or written to files, and there is no state beside the handles.
+ * printed, or written to files, and there is no state beside the handles. One file may be read: an
+ * intrinsics.json beside a rig with priors, where the rig is called by a path, says whether its
+ * lenses come from the same samples.
  *
- * Structs begin with their size, set by the caller: sizeof of the header that he compiled with.
- * Later versions add members behind the last one, so programs need not be compiled again; of a
- * struct that is smaller than that of this first version nothing is read or written: KINCAL_USAGE.
+ * Structs begin with their size, which the caller sets to sizeof. Later versions add members behind
+ * the last one, so programs need not be compiled again; a struct that is smaller than that of this
+ * first version is neither read nor written: KINCAL_USAGE.
  *
  * Texts are UTF-8 and end with a 0; those of files have a length instead. A `const char*` that is
  * returned lives as long as the handle. Buffers: `needed` (may be NULL) becomes how many bytes, or
