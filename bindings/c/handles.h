@@ -2,6 +2,7 @@
 // this folder.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <memory>
@@ -79,7 +80,7 @@ void to_buffer(const std::vector<T>& from, T* buffer, size_t size, size_t* neede
     throw Refusal{KINCAL_TOO_SMALL, "the buffer has room for " + std::to_string(size) +
                                         ", but there are " + std::to_string(from.size())};
   given(buffer, "buffer");
-  std::memcpy(buffer, from.data(), from.size() * sizeof(T));
+  std::copy(from.begin(), from.end(), buffer);
 }
 
 /// Returns an element. @throws Refusal: there is no such

@@ -462,7 +462,7 @@ int main(int argc, char** argv) {
   const double seconds = atof(argv[2]);
   const uint64_t seed = argc > 3 ? strtoull(argv[3], NULL, 10) : 1,
                  first = seed / 1000000 * 1000000;
-  made_case cases[8];
+  static made_case cases[8]; /* until the end */
   int count = 0;
   while (count < 8 && read_case(&cases[count], count)) ++count;
   if (count == 0) return 1;
