@@ -3,6 +3,7 @@
 #   kincal         the program
 #   kincal-images  kincal-detect, kincal-render and kincal-bags: what needs OpenCV, so that kincal stays small
 #   libkincal-dev  static libraries, headers and the CMake package
+#   libkincal0     the library of kincal.h
 #   python3-kincal the Python package
 find_program(KINCAL_PYTHON3 python3)
 mark_as_advanced(KINCAL_PYTHON3)
@@ -41,6 +42,11 @@ if(image_programs)
   kincal_documents(kincal_images ${image_programs})
   install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/kincal-images COMPONENT kincal_images)
   list(APPEND CPACK_COMPONENTS_ALL kincal_images)
+endif()
+
+if(TARGET kincal_c)
+  install(FILES LICENSE RENAME copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/libkincal0 COMPONENT kincal_c_library)
+  list(APPEND CPACK_COMPONENTS_ALL kincal_c kincal_c_library)
 endif()
 
 if(TARGET kincal_python)
@@ -85,8 +91,21 @@ endif()
 if(KINCAL_IO)
   string(APPEND dev_depends ", libpugixml-dev, libyaml-cpp-dev, nlohmann-json3-dev, liburdfdom-dev, nettle-dev, pkg-config")
 endif()
+if(TARGET kincal_c)
+  string(APPEND dev_depends ", libkincal0 (= ${PROJECT_VERSION})")
+endif()
 set(CPACK_DEBIAN_DEV_PACKAGE_DEPENDS "${dev_depends}")
 set(CPACK_COMPONENT_DEV_DESCRIPTION "Static libraries and headers: find_package(kincal) and link kincal::models or kincal::io.")
+
+if(TARGET kincal_c)
+  set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libkincal0)
+  set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
+  set(CPACK_DEBIAN_LIBRARY_PACKAGE_SHLIBDEPS ON)
+  if(KINCAL_CHOLMOD)
+    set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS libcholmod3)
+  endif()
+  set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "The library of kincal.h: calibrate, evaluate and watch robots from C.")
+endif()
 
 if(TARGET kincal_python)
   # The module is for one version of Python, as its name says.
@@ -108,9 +127,12 @@ cpack_add_component_group(PROGRAM)
 cpack_add_component_group(IMAGES)
 cpack_add_component_group(DEV)
 cpack_add_component_group(PYTHON)
+cpack_add_component_group(LIBRARY)
 cpack_add_component(kincal GROUP PROGRAM)
 cpack_add_component(kincal_images GROUP IMAGES)
 cpack_add_component(kincal_python GROUP PYTHON)
+cpack_add_component(kincal_c_library GROUP LIBRARY)
+cpack_add_component(kincal_c GROUP DEV)
 foreach(library kinematics solver core models io)
   cpack_add_component(kincal_${library} GROUP DEV)
 endforeach()

@@ -5,21 +5,18 @@
 #include <pybind11/stl.h>
 
 #include <cmath>
-#include <functional>
 
 #include "../../io/document/files.h"
-#include "../../io/document/names.h"
 #include "../../io/document/numbers.h"
 #include "../../io/job/check.h"
-#include "../../io/job/job.h"
+#include "../../io/job/robot.h"
+#include "../../io/job/settings.h"
 #include "../../io/job/simulate.h"
 #include "../../io/results/csv.h"
 #include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
 #include "../../io/rig/samples_file.h"
 #include "../../io/rig/simulation_file.h"
-#include "../../models/analysis/compensation.h"
-#include "../../models/rig/configuration.h"
 #include "text.h"
 #include "watching.h"
 #include "work.h"
@@ -32,12 +29,7 @@ namespace {
 using Array = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using Texts = std::map<std::string, Text>;
 
-/// A PyRig is a rig as read, with its parameters.
-struct PyRig {
-  explicit PyRig(RigFile read) : file(std::move(read)), table(file.rig) {}
-  RigFile file;
-  ParameterTable table;
-};
+using PyRig = KnownRig;
 struct PySamples {
   std::shared_ptr<const PyRig> rig;
   SampleSet set;
@@ -171,50 +163,22 @@ ResultFiles files_of(const Texts& texts) {
 
 // ------------------------------------------------------------------------------------------------
 // settings
-using Take = std::function<void(CalibrateSettings&, const py::handle&)>;
+/// Sets a field from what Python gives.
+struct TakePython {
+  CalibrateSettings& to;
+  const py::handle& value;
 
-template <class T>
-Take take(T CalibrateSettings::*field) {
-  return [field](CalibrateSettings& settings, const py::handle& value) {
+  template <class T>
+  void operator()(T CalibrateSettings::*field) const {
     if constexpr (std::is_same_v<T, std::vector<std::string>>) {
-      if (py::isinstance<py::str>(value))  // else it would be a list of letters
-        settings.*field = {value.cast<std::string>()};
-      else
-        settings.*field = value.cast<T>();
-    } else {
-      settings.*field = value.cast<T>();
+      if (py::isinstance<py::str>(value)) {  // else it would be a list of letters
+        to.*field = {value.cast<std::string>()};
+        return;
+      }
     }
-  };
-}
-
-struct Setting {
-  const char* name;
-  const char* expected;
-  Take take;
+    to.*field = value.cast<T>();
+  }
 };
-const std::vector<Setting>& all_settings() {
-  using S = CalibrateSettings;
-  static const std::vector<Setting> settings = {
-      {"noise", "a text", take(&S::noise)},
-      {"step", "a text", take(&S::step)},
-      {"linear_solver", "a text", take(&S::linear_solver)},
-      {"free", "a list of names", take(&S::free)},
-      {"fix", "a list of names", take(&S::fix)},
-      {"group", "a list of names", take(&S::groups)},
-      {"no_group", "a list of names", take(&S::no_groups)},
-      {"report_frame", "a list of names", take(&S::report_frames)},
-      {"require", "a list of texts", take(&S::require)},
-      {"iterations", "an integer", take(&S::iterations)},
-      {"threads", "an integer", take(&S::threads)},
-      {"restarts", "an integer", take(&S::restarts)},
-      {"holdout", "an integer", take(&S::holdout)},
-      {"cross_validate", "an integer", take(&S::cross_validate)},
-      {"reject", "True or False", take(&S::reject)},
-      {"estimate_noise", "True or False", take(&S::estimate_noise)},
-      {"no_report", "True or False", take(&S::no_report)},
-      {"write_reduction", "True or False", take(&S::write_reduction)}};
-  return settings;
-}
 
 CalibrateSettings settings_of(const py::dict& given, const std::string& command) {
   CalibrateSettings out;
@@ -222,20 +186,13 @@ CalibrateSettings settings_of(const py::dict& given, const std::string& command)
   out.words = Words::keywords;
   for (const auto& [key, value] : given) {
     const auto name = py::str(key).cast<std::string>();
-    std::vector<std::string> valid;
-    const Setting* setting = nullptr;
-    for (const Setting& one : all_settings()) {
-      valid.emplace_back(one.name);
-      if (name == one.name) setting = &one;
-    }
-    if (!setting)
-      throw InputError(name + ": there is no such option" +
-                       nearest_or_all(name, valid, "there are"));
+    const Setting& setting = find_setting(name);
     try {
-      setting->take(out, value);
+      std::visit(TakePython{out, value}, setting.field);
     } catch (const py::cast_error&) {
-      throw InputError(name + ": " + setting->expected + " is expected, not " +
-                       py::repr(value).cast<std::string>());
+      const bool truth = std::holds_alternative<bool CalibrateSettings::*>(setting.field);
+      throw InputError(name + ": " + (truth ? "True or False" : setting.expected) +
+                       " is expected, not " + py::repr(value).cast<std::string>());
     }
   }
   check_settings(out);
@@ -263,34 +220,16 @@ std::shared_ptr<PySamples> parse_sample_text(const std::shared_ptr<PyRig>& rig, 
                                                })});
 }
 
-/// A finished calibration.
-struct Done {
-  Job job;
-  Report report;
-  ResultFiles files;
-};
 
 py::dict calibrate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
                        const py::dict& given, const Text& command, const py::object& progress) {
   const CalibrateSettings settings = settings_of(given, command);
-  const Done done = released(progress, [=](const Progress& told) {
-    Job job = make_job(rig->file, samples->set, settings);
-    check_validation(job, settings);
-    check_groups(job.rig_file.rig, settings);
-    Report report = run(job, settings, true, told);
-    ResultFiles files;
-    if (report.solution.status != Status::undefined_start)
-      files = make_texts(job, report, settings);
-    return Done{std::move(job), std::move(report), std::move(files)};
+  const FinishedJob done = released(progress, [=](const Progress& told) {
+    return calibrate_job(rig->file, samples->set, settings, told);
   });
   const Report& report = done.report;
-  if (report.solution.status == Status::undefined_start) {
-    const bool found = report.diagnosis && !report.diagnosis->findings.empty();
-    const std::string why = found ? with_id(report.diagnosis->findings[0]) +
-                                        "\nSo no calibration can start: " + report.solution.message
-                                  : report.solution.message;
+  if (const std::string why = why_no_start(report); !why.empty())
     raise("StartError", py::cast(Text(why)));
-  }
   const ReportedCovariance covariance = reported_covariance(report.solution);
   py::list judgements;
   for (const Judgement& j : report.validation.requirements)
@@ -391,86 +330,34 @@ py::tuple simulate_rig(const std::shared_ptr<PyRig>& rig, int samples, std::uint
 
 // ------------------------------------------------------------------------------------------------
 // the robot
-Frame frame_of(const PyRig& rig, const std::string& name, const char* argument) {
-  if (const std::optional<Frame> found = find_frame(rig.file.rig, rig.table, name)) return *found;
-  std::vector<std::string> valid;
-  for (const Frame& frame : all_frames(rig.file.rig, rig.table)) valid.push_back(frame.name);
-  throw InputError(std::string(argument) + ": there is no frame '" + name + "'" +
-                   nearest_or_all(name, valid, "there are"));
+Postures postures_of(const std::vector<std::string>& joints, const Array& values) {
+  return {joints, values.data(), static_cast<size_t>(values.shape(0))};
 }
 
-/// Postures as rows of `values`, a column a joint of `joints`: readings of all that move `frames`.
-std::vector<Readings> readings_of(const PyRig& rig, const std::vector<std::string>& joints,
-                                  const Array& values, const std::vector<Frame>& frames) {
-  const Rig& of = rig.file.rig;
-  std::vector<int> columns;
-  for (const std::string& name : joints) {
-    const int j = of.tree.find_joint(name);
-    std::vector<std::string> valid;
-    for (const Joint& joint : of.tree.joints)
-      if (joint.has_reading()) valid.push_back(joint.name);
-    if (j < 0 || !of.tree.joints[j].has_reading())
-      throw InputError("joints: '" + name + "' is no joint with a reading" +
-                       nearest_or_all(name, valid, "there are"));
-    columns.push_back(j);
-  }
-  const auto rows = values.shape(0), count = static_cast<py::ssize_t>(columns.size());
-  std::vector<Readings> out(static_cast<size_t>(rows), Readings(of.tree.joints.size(), kNan));
-  for (py::ssize_t r = 0; r < rows; ++r)
-    for (py::ssize_t c = 0; c < count; ++c) {
-      if (!std::isfinite(values.at(r, c)))
-        throw InputError("joints: the reading of '" + joints[static_cast<size_t>(c)] +
-                         "' is not finite (posture " + std::to_string(r) + ")");
-      out[static_cast<size_t>(r)][columns[static_cast<size_t>(c)]] = values.at(r, c);
-    }
-  for (const Frame& frame : frames)
-    for (const int j : joints_between(of, of.base, frame.link))
-      if (!out.empty() && std::isnan(out[0][j]))
-        throw InputError("joints: there is no reading of joint '" + of.tree.joints[j].name +
-                         "', which moves '" + frame.name + "'");
-  for (Readings& one : out) one = completed(std::move(one));
-  return out;
-}
-
-Array forward_poses(const std::shared_ptr<PyRig>& rig, const std::vector<std::string>& joints,
-                    const Array& values, const std::string& frame, const std::string& base) {
-  const Frame tip = frame_of(*rig, frame, "frame"), from = frame_of(*rig, base, "base");
-  const std::vector<Readings> postures = readings_of(*rig, joints, values, {tip, from});
-  const CalibratedRobot robot{&rig->file.rig, &rig->table, rig->table.initial, {}};
-  const RobotTip path{robot, tip, from};
-  Array out(std::vector<py::ssize_t>{static_cast<py::ssize_t>(postures.size()), 4, 4});
-  double* at = out.mutable_data();
-  for (const Readings& readings : postures) {
-    const Pose pose = path.at(readings);
-    for (int i = 0; i < 4; ++i)
-      for (int j = 0; j < 4; ++j)
-        *at++ = i == 3 ? double(j == 3) : j == 3 ? pose.translation(i) : pose.rotation(i, j);
-  }
+Array forward(const std::shared_ptr<PyRig>& rig, const std::vector<std::string>& joints,
+              const Array& values, const std::string& frame, const std::string& base) {
+  Array out(std::vector<py::ssize_t>{values.shape(0), 4, 4});
+  forward_poses(*rig, postures_of(joints, values), frame, base, out.mutable_data());
   return out;
 }
 
 py::tuple compensate_readings(const std::shared_ptr<PyRig>& real,
                               const std::shared_ptr<PyRig>& planned,
-                              const std::pair<std::string, std::string>& tip_from,
+                              const std::pair<std::string, std::string>& tip_base,
                               const std::vector<std::string>& joints, const Array& values,
                               bool position_only) {
-  const auto robot_tip = [&](const PyRig& rig) {
-    return RobotTip{{&rig.file.rig, &rig.table, rig.table.initial, {}},
-                    frame_of(rig, tip_from.first, "tip"),
-                    frame_of(rig, tip_from.second, "base")};
-  };
-  const RobotTip to = robot_tip(*real), plan = robot_tip(*planned);
-  const std::vector<Readings> postures = readings_of(*real, joints, values, {to.tip});
+  const std::vector<Compensated> found =
+      compensate_postures(*real, *planned, postures_of(joints, values),
+                          {tip_base.first, tip_base.second, position_only});
   Array out(std::vector<py::ssize_t>{values.shape(0), values.shape(1)}),
       left(std::vector<py::ssize_t>{values.shape(0), 2});
-  for (size_t r = 0; r < postures.size(); ++r) {
-    const Compensated found = compensate(to, plan, postures[r], position_only);
+  for (size_t r = 0; r < found.size(); ++r) {
     const auto row = static_cast<py::ssize_t>(r);
     for (size_t c = 0; c < joints.size(); ++c)
       out.mutable_at(row, static_cast<py::ssize_t>(c)) =
-          found.readings[real->file.rig.tree.find_joint(joints[c])];
-    left.mutable_at(row, 0) = found.position;
-    left.mutable_at(row, 1) = found.rotation;
+          found[r].readings[real->file.rig.tree.find_joint(joints[c])];
+    left.mutable_at(row, 0) = found[r].position;
+    left.mutable_at(row, 1) = found[r].rotation;
   }
   return py::make_tuple(out, left);
 }
@@ -479,26 +366,23 @@ py::tuple compensate_readings(const std::shared_ptr<PyRig>& real,
 // what a rig has
 py::dict describe(const PyRig& rig) {
   const Rig& of = rig.file.rig;
-  py::list joints, parameters, frames, still;
+  py::list parameters, frames;
   py::dict sensors, targets;
-  for (const Joint& joint : of.tree.joints)
-    if (joint.has_reading()) joints.append(Text(joint.name));
+  const std::vector<std::string> joints = joint_names(of);
   for (const Sensor& sensor : of.sensors) sensors[py::str(sensor.name)] = sensor.type;
   for (const Target& target : of.targets) targets[py::str(target.name)] = target.type;
   for (const Parameter& p : rig.table.all)
     if (!p.hidden()) parameters.append(Text(p.name));
   for (const Frame& frame : all_frames(of, rig.table)) frames.append(Text(frame.name));
-  for (const Frame& frame : still_frames(of, rig.table)) still.append(Text(frame.name));
   py::dict out;
   out["robot"] = Text(rig.file.urdf.robot);
   out["base"] = Text(of.tree.links[of.base]);
   out["links"] = std::vector<Text>(of.tree.links.begin(), of.tree.links.end());
-  out["joints"] = joints;
+  out["joints"] = std::vector<Text>(joints.begin(), joints.end());
   out["sensors"] = sensors;
   out["targets"] = targets;
   out["parameters"] = parameters;
   out["frames"] = frames;
-  out["still"] = still;
   const std::vector<std::string>& warnings = rig.file.urdf.warnings;
   out["warnings"] = std::vector<Text>(warnings.begin(), warnings.end());
   return out;
@@ -551,6 +435,13 @@ PYBIND11_MODULE(_kincal, m) {
   m.def("parse_samples", parse_sample_text, py::arg("rig"), py::arg("text"), py::arg("path"),
         py::arg("progress"));
   m.def(
+      "place",
+      [](const Text& message) {
+        const Place at = place_of(message);
+        return py::make_tuple(Text(at.file), at.line, Text(at.name));
+      },
+      py::arg("message"));
+  m.def(
       "read_file", [](const Text& path) { return Text(read_file(path)); }, py::arg("path"));
   m.def("calibrate", calibrate_rig, py::arg("rig"), py::arg("samples"), py::arg("settings"),
         py::arg("command"), py::arg("progress"));
@@ -560,9 +451,9 @@ PYBIND11_MODULE(_kincal, m) {
         py::arg("progress"));
   m.def("simulate", simulate_rig, py::arg("rig"), py::arg("samples"), py::arg("seed"),
         py::arg("spread"), py::arg("files"), py::arg("progress"));
-  m.def("forward", forward_poses, py::arg("rig"), py::arg("joints"), py::arg("values"),
-        py::arg("frame"), py::arg("base"));
-  m.def("compensate", compensate_readings, py::arg("real"), py::arg("planned"), py::arg("tip_from"),
+  m.def("forward", forward, py::arg("rig"), py::arg("joints"), py::arg("values"), py::arg("frame"),
+        py::arg("base"));
+  m.def("compensate", compensate_readings, py::arg("real"), py::arg("planned"), py::arg("tip_base"),
         py::arg("joints"), py::arg("values"), py::arg("position_only"));
   m.def(
       "report_page", [](const Texts& files) { return Text(make_page(files_of(files))); },

@@ -281,4 +281,22 @@ std::string make_page(const ResultFiles& files) {
                       files.covariance_csv});
 }
 
+FinishedJob calibrate_job(const RigFile& rig_file, const SampleSet& samples,
+                          const CalibrateSettings& settings, const Progress& progress) {
+  Job job = make_job(rig_file, samples, settings);
+  check_validation(job, settings);
+  check_groups(job.rig_file.rig, settings);
+  Report report = run(job, settings, true, progress);
+  ResultFiles files;
+  if (report.solution.status != Status::undefined_start) files = make_texts(job, report, settings);
+  return {std::move(job), std::move(report), std::move(files)};
+}
+
+std::string why_no_start(const Report& report) {
+  if (report.solution.status != Status::undefined_start) return "";
+  if (!report.diagnosis || report.diagnosis->findings.empty()) return report.solution.message;
+  return with_id(report.diagnosis->findings[0]) +
+         "\nSo no calibration can start: " + report.solution.message;
+}
+
 }  // namespace kincal

@@ -89,4 +89,17 @@ ResultFiles make_texts(const Job& job, const Report& report, const CalibrateSett
 /// Makes the page of these, report.html.
 std::string make_page(const ResultFiles& files);
 
+/// A FinishedJob is a calibration with the texts of its files, but for the page; there are none
+/// where no calibration can start.
+struct FinishedJob {
+  Job job;
+  Report report;
+  ResultFiles files;
+};
+/// Calibrates: all of the above in order. @throws InputError, std::exception, Cancelled
+FinishedJob calibrate_job(const RigFile& rig_file, const SampleSet& samples,
+                          const CalibrateSettings& settings, const Progress& progress);
+/// Returns why no calibration can start, with what may be wrong; "" where one did.
+std::string why_no_start(const Report& report);
+
 }  // namespace kincal

@@ -1,5 +1,8 @@
 #include "words.h"
 
+#include <algorithm>
+#include <regex>
+
 #include "../document/names.h"
 
 namespace kincal {
@@ -35,6 +38,23 @@ std::string in_words(std::string message, Words words) {
 void in_words(Notice& notice, Words words) {
   for (std::string* text : {&notice.what, &notice.why, &notice.cure, &notice.otherwise})
     *text = in_words(std::move(*text), words);
+}
+
+Place place_of(const std::string& message) {
+  constexpr size_t kLongest = 1000;  // the expressions recur over what they read
+  static const std::regex place("(.+?):([0-9]{1,9})(?::[0-9]+)?: (?:([^\\s:]+): )?");
+  static const std::regex name(
+      "([a-z_]+(?:(?:\\[[0-9]+\\])+\\.\\S+)?)(?:\\[[0-9]+\\])?(?: '.*?')?: ");
+  static const std::regex file("([^:]*[./][^:\\[]*): ");
+  const std::string line = message.substr(0, std::min(message.find('\n'), kLongest));
+  const auto begins = [&](const std::regex& expression, std::smatch& found) {
+    return std::regex_search(line, found, expression, std::regex_constants::match_continuous);
+  };
+  std::smatch found;
+  if (begins(place, found)) return {found[1], std::stoi(found[2]), found[3]};
+  if (begins(name, found)) return {"", 0, found[1]};
+  if (begins(file, found)) return {found[1], 0, ""};
+  return {};
 }
 
 InputError with_nearest(const NameError& error, Words words) {

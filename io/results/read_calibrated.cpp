@@ -17,6 +17,11 @@ namespace {
 namespace fs = std::filesystem;
 constexpr double kSameOrigin = 1e-9;  // m: written numbers carry 17 digits
 
+/// A FileText is what stands in a file, and its path for messages.
+struct FileText {
+  std::string path, text;
+};
+
 /// A list of numbers and nulls.
 std::vector<double> numbers_or_null(const Field& field) {
   std::vector<double> out;
@@ -75,10 +80,10 @@ void unfold(const Field& robot, CalibratedFiles& out) {
 /// Unknowns of the last step from covariance.csv and result.json: what predictions count, numbers
 /// that the automatic path held among them. Every component without a variance there is an
 /// undetermined direction of its own: how they cancel in a frame is not in the files.
-Unknowns read_unknowns(const std::string& path, const Field& result, const ParameterTable& table) {
+Unknowns read_unknowns(const FileText& file, const Field& result, const ParameterTable& table) {
+  const std::string& path = file.path;
   std::vector<std::vector<std::string>> rows;
-  for_each_csv_row(read_file(path),
-                   [&](const std::vector<std::string>& row) { rows.push_back(row); });
+  for_each_csv_row(file.text, [&](const std::vector<std::string>& row) { rows.push_back(row); });
   if (rows.empty() || rows.size() != rows[0].size() + 1)
     throw InputError(path + ": as many rows as columns and a header are expected");
   Unknowns out;
@@ -124,6 +129,34 @@ void read_intrinsics(const std::string& path, CalibratedFiles& out) {
   const Field warnings = all["warnings"];
   for (size_t i = 0; i < warnings.size(); ++i)
     out.doubts.push_back(warnings.item(i)["text"].string());
+}
+
+/// What a result.json, and a covariance.csv beside it if there is one, say of a rig. `alone`: of
+/// the best robot without bending, of which neither sigmas nor covariance are known.
+void add_result(const FileText& result, const FileText* covariance, bool alone,
+                CalibratedFiles& out) {
+  refuse_other_kinds(result.text, result.path, Wanted::result);
+  const Node node = parse_json(result.text, result.path);
+  const Field all = top(node, result.path);
+  if (!all.has("robot") || !all.has("parameters") || !all.has("status"))
+    throw InputError(
+        result.path +
+        ": is no result of `kincal calibrate`: it has no robot, parameters and status");
+  unfold(all[alone ? "rigid_robot" : "robot"], out);
+  out.status = all["status"].string();
+  if (std::string doubt = verdict_doubt(all); !doubt.empty()) out.doubts.push_back(doubt);
+  if (alone) return;
+  const Field parameters = all["parameters"];
+  for (const auto& [name, estimate] : parameters.members()) {
+    const int p = find_parameter(out.table, name);
+    if (p < 0)
+      throw InputError(parameters[name].where() + ": is no parameter of " + out.rig_file.path);
+    std::vector<double> sigma = numbers_or_null(parameters[name]["sigma"]);
+    if (static_cast<int>(sigma.size()) != out.table.all[p].size())
+      parameters[name]["sigma"].fail("a number a component is expected");
+    out.sigma[name] = std::move(sigma);
+  }
+  if (covariance) out.unknowns = read_unknowns(*covariance, all, out.table);
 }
 
 }  // namespace
@@ -183,31 +216,34 @@ CalibratedFiles read_calibrated(const std::string& given, bool rigid) {
     return out;
   }
 
-  const std::string where = result.string();
-  const std::string text = read_file(where);
-  refuse_other_kinds(text, where, Wanted::result);
-  const Node node = parse_json(text, where);
-  const Field all = top(node, where);
-  if (!all.has("robot") || !all.has("parameters") || !all.has("status"))
-    throw InputError(
-        where + ": is no result of `kincal calibrate`: it has no robot, parameters and status");
+  const FileText text{result.string(), read_file(result.string())};
   const bool alone = rig.filename() == kRigid;
-  unfold(all[alone ? "rigid_robot" : "robot"], out);
-  out.status = all["status"].string();
-  if (std::string doubt = verdict_doubt(all); !doubt.empty()) out.doubts.push_back(doubt);
-  if (alone) return out;
-  const Field parameters = all["parameters"];
-  for (const auto& [name, estimate] : parameters.members()) {
-    const int p = find_parameter(out.table, name);
-    if (p < 0) throw InputError(parameters[name].where() + ": is no parameter of " + rig.string());
-    std::vector<double> sigma = numbers_or_null(parameters[name]["sigma"]);
-    if (static_cast<int>(sigma.size()) != out.table.all[p].size())
-      parameters[name]["sigma"].fail("a number a component is expected");
-    out.sigma[name] = std::move(sigma);
-  }
   const fs::path covariance = rig.parent_path() / "covariance.csv";
-  if (fs::exists(covariance, ignored))
-    out.unknowns = read_unknowns(covariance.string(), all, out.table);
+  if (alone || !fs::exists(covariance, ignored))
+    add_result(text, nullptr, alone, out);
+  else {
+    const FileText rows{covariance.string(), read_file(covariance.string())};
+    add_result(text, &rows, alone, out);
+  }
+  return out;
+}
+
+CalibratedFiles parse_calibrated(const ResultFiles& files, const std::string& folder) {
+  const auto path = [&](const char* name) { return (fs::path(folder) / name).string(); };
+  if (files.rig_yaml.empty() || files.result_json.empty())
+    throw InputError(path(files.rig_yaml.empty() ? "rig.yaml" : "result.json") +
+                     ": is missing: rig.yaml, result.json and the URDF of a result are expected");
+  const bool bends = !files.unbent_urdf.empty();
+  const std::string& text = bends ? files.unbent_urdf : files.robot_urdf;
+  const Urdf robot =
+      text.empty() ? Urdf() : parse_urdf(text, path(bends ? "robot_unbent.urdf" : "robot.urdf"));
+  RigFile rig_file = parse_rig(files.rig_yaml, path("rig.yaml"), &robot);
+  ParameterTable table(rig_file.rig);
+  const VectorXd values = table.initial;
+  CalibratedFiles out{path(""), std::move(rig_file), std::move(table), values};
+  const FileText rows{path("covariance.csv"), files.covariance_csv};
+  add_result({path("result.json"), files.result_json}, rows.text.empty() ? nullptr : &rows, false,
+             out);
   return out;
 }
 

@@ -12,6 +12,7 @@
 #include "../../models/analysis/frames.h"
 #include "../../models/monitor/monitor.h"
 #include "../rig/rig_file.h"
+#include "results.h"
 
 namespace kincal {
 
@@ -35,6 +36,11 @@ struct CalibratedFiles {
 /// where the result's do, that is the best robot without them (rig_rigid.yaml), of which neither
 /// sigmas nor covariance are known. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path, bool rigid = false);
+
+/// Reads one from the texts of a result: rig.yaml, result.json, the robot (robot_unbent.urdf if
+/// there is one), and covariance.csv if there is one. No file is looked at; `folder` is for
+/// messages. @throws InputError
+CalibratedFiles parse_calibrated(const ResultFiles& files, const std::string& folder = "");
 
 /// Returns what a monitor begins with. @throws InputError: the files have no covariance
 CalibratedState state_of(const CalibratedFiles& files);

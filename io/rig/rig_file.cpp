@@ -637,8 +637,9 @@ RigFile parse_rig(std::string text, const std::string& path, const Urdf* robot,
   return read_rig_text(
       std::move(text), path, models,
       [&](const Field& entry) {
-        return robot && entry.node->kind != Node::Kind::mapping ? *robot
-                                                                : read_robot_entry(entry, path);
+        if (!robot || entry.node->kind == Node::Kind::mapping) return read_robot_entry(entry, path);
+        if (robot->text.empty()) entry.fail("the text of this URDF is needed, and there is none");
+        return *robot;
       },
       false);
 }

@@ -33,7 +33,8 @@ RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
                  const JointModels& models = joint_models());
 /// Reads a rig from a text; `path` is for messages, and what the rig names stands beside it.
 /// `robot` is the robot, else (null) the file that the rig names is read; of a rig whose robot is
-/// known by its flange it is not looked at. @throws InputError
+/// known by its flange it is not looked at. One without text is an error where it is needed.
+/// @throws InputError
 RigFile parse_rig(std::string text, const std::string& path, const Urdf* robot = nullptr,
                   const JointModels& models = joint_models());
 

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <initializer_list>
 #include <map>
+#include <mutex>
 #include <pugixml.hpp>
 #include <stdexcept>
 
@@ -134,6 +135,8 @@ std::string without_shapes(const std::string& text) {
 /// The written text as urdfdom reads it, or as we do where urdfdom takes exception to what stood in
 /// the input already.
 Written read_written(const std::string& text, const Urdf& input) {
+  static std::mutex one_at_a_time;  // who gets urdfdom's messages is a global of its library
+  const std::lock_guard<std::mutex> lock(one_at_a_time);
   Messages messages;
   if (const auto model = urdf::parseURDF(without_shapes(text))) return joints_of(*model);
   const std::string why = messages.text;

@@ -60,8 +60,8 @@ std::vector<Frame> still_frames(const Rig& rig, const ParameterTable& table) {
 Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
                        bool position_only) {
   const Pose wanted = planned.at(at);
-  Compensated out;
   double least = std::numeric_limits<double>::infinity();
+  Compensated out{at, least, least};
   Readings now = at;
   for (int step = 0; step < kSteps; ++step) {
     const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now);

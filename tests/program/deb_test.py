@@ -1,6 +1,6 @@
 """The Debian packages of cpack. Usage: deb_test.py SOURCE_DIR BUILD_DIR GROUP
 
-Packages proves: cpack makes three packages, and python3-kincal where the Python package is built, which works as unpacked, as the wheel does; no file is in two of them; the programs, a manual page for each program and command, the
+Packages proves: cpack makes three packages, libkincal0 where the C interface is built, and python3-kincal where the Python package is, which works as unpacked, as the wheel does; no file is in two of them; the programs, a manual page for each program and command, the
 completion, headers, libraries and the CMake package are in the right one; each names what it needs (what its programs are linked to, and no
 more: kincal no OpenCV); pages have every option of the help and troff reads them without a warning; the completion knows every command and option, and completes.
 Root proves: in a Debian of its own (mmdebstrap) apt installs them with what they depend on; the example runs there; tests/consumer is built from
@@ -21,6 +21,7 @@ import helpers
 SOURCE, BUILD, GROUP = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]), sys.argv[3]
 SKIPPED = 77
 IMAGES = os.path.exists(os.path.join(BUILD, "kincal-detect"))
+C = os.path.exists(os.path.join(BUILD, "libkincal.so"))
 PYTHON = os.path.exists(os.path.join(BUILD, "python", "kincal", "_kincal.pyi"))
 LIBRARIES = ("kinematics", "solver", "core", "models", "io")
 
@@ -56,7 +57,7 @@ class Packages(helpers.Folder):
         cls.contents = {name: contents(file) for name, file in cls.packages.items()}
 
     def test_what_is_where(self):
-        self.assertEqual(sorted(self.packages), ["kincal"] + (["kincal-images"] if IMAGES else []) + ["libkincal-dev"] + (["python3-kincal"] if PYTHON else []))
+        self.assertEqual(sorted(self.packages), ["kincal"] + (["kincal-images"] if IMAGES else []) + ["libkincal-dev"] + (["libkincal0"] if C else []) + (["python3-kincal"] if PYTHON else []))
         names = list(self.contents)
         for i, a in enumerate(names):
             for b in names[:i]:
@@ -80,6 +81,10 @@ class Packages(helpers.Folder):
             self.assertTrue(any(f.endswith("/cmake/kincal/kincal_%s_targets.cmake" % name) for f in dev))
         self.assertIn("/usr/include/kincal/kincal.h", dev)
         self.assertTrue(any(f.endswith("/kincalConfigVersion.cmake") for f in dev))
+        if C:
+            for end in ("/libkincal.so", "/include/kincal.h", "/pkgconfig/kincal.pc", "/cmake/kincal/kincal_c_targets.cmake"):
+                self.assertTrue(any(f.endswith(end) for f in dev), end)
+            self.assertTrue(any(f.endswith("/libkincal.so.0") for f in self.contents["libkincal0"]))
         for files in self.contents.values():
             self.assertFalse([f for f in files if not f.startswith("/usr/")])
 
@@ -97,6 +102,13 @@ class Packages(helpers.Folder):
         depends = field(self.packages["libkincal-dev"], "Depends")
         for library in ("libeigen3-dev", "libpugixml-dev", "libyaml-cpp-dev", "nlohmann-json3-dev", "liburdfdom-dev", "nettle-dev", "pkg-config"):
             self.assertIn(library, depends)
+
+        if C:
+            needed = field(self.packages["libkincal0"], "Depends")
+            self.assertIn("libyaml-cpp", needed)
+            self.assertNotIn("opencv", needed)
+            self.assertIn("libkincal0 (= %s)" % version, depends)
+            self.assertIn("ldconfig", run("dpkg-deb", "-I", self.packages["libkincal0"], "postinst"))
 
     def works(self, folder):
         """The package as it stands in a folder."""

@@ -191,7 +191,7 @@ def check_options(source, binary):
     for name in re.findall(r"^  ([a-z]+)  ", text.split("Subcommands:")[1], re.M):
         text += subprocess.run([binary, name, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
     known = set(re.findall(r"--[a-z][a-z-]+", text))
-    others = {"--preset", "--build", "--install", "--prefix", "--component", "--all", "--shots", "--missing"}  # CMake's, scripts/lint's, the page's test
+    others = {"--preset", "--build", "--install", "--prefix", "--component", "--all", "--shots", "--missing", "--cflags", "--libs", "--renew"}  # CMake's, scripts/lint's, the page's test, pkg-config's, a test's
     named = set()
     for path in documents(source):
         with open(path, encoding="utf-8") as file:

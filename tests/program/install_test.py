@@ -2,7 +2,7 @@
 
 Installs the build into a temporary prefix, then configures, builds and runs the project in tests/consumer (copied away) against
 it with find_package: an embedding of 40 lines and a sensor type of an outside project. Proves that the installed files are
-complete, with five public headers and what these need, and name nothing of the source or build tree; each public header compiles by
+complete, with five public headers and what these need, and kincal.h of C, which pkg-config finds, and name nothing of the source or build tree; each public header compiles by
 itself; and (with KINCAL_SLOW, for it takes a minute and a half) that the embedded library gives the same numbers as the installed program,
 and that a sensor of one's own recovers a planted truth. It does not prove that the package works on another system.
 """
@@ -33,6 +33,17 @@ def check(condition, text):
         sys.exit("FAILED: " + text)
 
 
+def use_c(prefix, folder):
+    """A program in C, as pkg-config says it is built."""
+    os.mkdir(folder)
+    with open(os.path.join(folder, "main.c"), "w") as f:
+        f.write("#include <kincal.h>\n#include <stdio.h>\nint main(void) { return puts(kincal_version()) < 0; }\n")
+    (pc,) = [os.path.join(d, f) for d, _, files in os.walk(prefix) for f in files if f == "kincal.pc"]
+    flags = run("env", "PKG_CONFIG_PATH=" + os.path.dirname(pc), "pkg-config", "--cflags", "--libs", "kincal").split()
+    run("cc", "-std=c99", "-Wall", "-Werror", "main.c", *flags, "-Wl,-rpath," + os.path.dirname(os.path.dirname(pc)), "-o", "main", cwd=folder)
+    check(re.match(r"\d+\.\d+\.\d+\n$", run(os.path.join(folder, "main"))), "the program in C says no version")
+
+
 def main():
     if len(sys.argv) < 3:
         sys.exit("usage: install_test.py SOURCE_DIR BUILD_DIR [CMAKE]")
@@ -52,7 +63,10 @@ def main():
         installed = sorted(os.path.relpath(os.path.join(d, f), prefix) for d, _, files in os.walk(prefix) for f in files)
         headers = [n for n in installed if n.endswith(".h")]
         public = [n for n in headers if not n.startswith("include/kincal/detail/")]
-        check(public == ["include/kincal/%s.h" % name for name in ("core", "extend", "files", "kincal", "solver")], "public headers: %s" % public)
+        c = ["include/kincal.h"] if os.path.exists(os.path.join(build, "libkincal.so")) else []
+        check(public == c + ["include/kincal/%s.h" % name for name in ("core", "extend", "files", "kincal", "solver")], "public headers: %s" % public)
+        if c and not sanitizers:
+            use_c(prefix, os.path.join(work, "c"))
         check(os.path.join("bin", "kincal") in installed, "the program is not installed")
         check([f for f in installed if f.endswith("kincalConfig.cmake")], "kincalConfig.cmake is not installed")
         check(not [f for f in installed if f.endswith((".cpp", "_test.h"))], "sources are installed: %s" % installed)

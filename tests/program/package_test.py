@@ -134,7 +134,7 @@ class Solver(Case):
         for components, why in (("solver;io", "kincal was built without its component io (KINCAL_IO=OFF)"),
                                 ("models", "kincal was installed without its component models"),
                                 ("kinematics", "kincal was installed without its component kinematics"),
-                                ("solver;optics", "kincal has no component optics: its components are kinematics, solver, core, models and io")):
+                                ("solver;optics", "kincal has no component optics: its components are kinematics, solver, core, models, io and c")):
             with self.subTest(components=components):
                 self.assertIn(why, self.consumer(components, ["Eigen3", "Threads"], code=None)[0])
         _, _, asked = self.consumer("solver;OPTIONAL_COMPONENTS;io;optics", ["Eigen3", "Threads"])
@@ -178,6 +178,10 @@ class Components(Case):
             if component == "kinematics":
                 self.assertIn("kincal was installed without its component kinematics, which models needs", self.consumer("models", solver, code=None)[0])
             run(CMAKE, "--install", BUILD_DIR, "--prefix", self.prefix, "--component", "kincal_" + component)
+        if os.path.exists(os.path.join(BUILD_DIR, "libkincal.so")):
+            for component in ("kincal_c", "kincal_c_library"):
+                run(CMAKE, "--install", BUILD_DIR, "--prefix", self.prefix, "--component", component)
+            self.assertEqual(self.consumer("c", [])[2], set())  # everything is inside
         for components, expected in (("kinematics", {"Eigen3"}), ("solver", solver), ("kinematics;solver", solver), ("core", solver), ("models", solver), ("io", files),
                                      ("", files)):
             with self.subTest(components=components):

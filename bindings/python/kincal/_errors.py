@@ -1,13 +1,9 @@
 """Exceptions, with the program's messages."""
 from __future__ import annotations
 
-import re
 from typing import Optional
 
-# "rig.yaml:12: sensors.camera.sigma: ...", "samples.jsonl:3: ..."; "rig.yaml: ..."; "free[0]: ...", "require 'a<1': ...", "samples[2].joints.a: ..."
-_PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+)(?::\d+)?: (?:(?P<name>[^\s:]+): )?")
-_FILE = re.compile(r"(?P<file>[^:]*[./][^:\[]*): ")
-_NAME = re.compile(r"(?P<name>[a-z_]+(?:(?:\[\d+\])*\.\S+)?)(?:\[\d+\])?(?: '.*?')?: ")
+from . import _kincal
 
 
 class InputError(ValueError):
@@ -16,12 +12,10 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(message)
-        place = _PLACE.match(message)
-        name = place or _NAME.match(message)
-        file = place or (None if name else _FILE.match(message))
-        self.file: Optional[str] = file["file"] if file else None
-        self.line: Optional[int] = int(place["line"]) if place else None
-        self.name: Optional[str] = name["name"] if name else None
+        file, line, name = _kincal.place(message)
+        self.file: Optional[str] = file or None
+        self.line: Optional[int] = line or None
+        self.name: Optional[str] = name or None
 
 
 class StartError(RuntimeError):

@@ -195,14 +195,8 @@ class Result(Found):
         if "rig_rigid.yaml" not in files:
             raise InputError("compensate: there is nothing to compensate: `urdf` has all that was found")
         planned = Rig.from_text(files["rig_rigid.yaml"], files.get("robot.urdf"), "result/rig_rigid.yaml", "result/robot.urdf")
-        still = list(self.rig._about["still"])
-        if base is None and len(still) > 1:
-            raise InputError("base: two calibrations put the base link at different places: give one of " + ", ".join(still + [self.rig.base]))
-        seen_from = base if base is not None else still[0] if still else self.rig.base
-        if seen_from not in still + [self.rig.base]:
-            raise InputError("base: '%s' is nothing that stands still; one of %s is expected" % (seen_from, ", ".join(still + [self.rig.base])))
         names, values, shape = table(joints)
-        found, left = _kincal.compensate(self.rig._rig, planned._rig, (tip, seen_from), names, values, position_only)
+        found, left = _kincal.compensate(self.rig._rig, planned._rig, (tip, base or ""), names, values, position_only)
         return Compensated({n: found[:, i].reshape(shape) for i, n in enumerate(names)}, left[:, 0].reshape(shape), left[:, 1].reshape(shape))
 
     def save(self, directory: Path, force: bool = False) -> None:

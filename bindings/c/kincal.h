@@ -1,0 +1,374 @@
+/* kincal in C99: robots are calibrated from texts in memory, results are read, evaluated and
+ * watched. docs/c.md shows how, by tasks; docs/formats.md has the formats and the options.
+ *
+ * Handles are opaque. A function that makes one writes it only if it succeeds, and what it made is
+ * freed by the ..._free() of its type, which takes NULL. A call that fails changes nothing: neither
+ * what its handles hold nor what it would have written (but for `needed`).
+ *
+ * Functions return KINCAL_OK or why not, and fill in `error`, if it is not NULL. Nothing is thrown,
+ * printed, or written to files, and there is no state beside the handles. One file may be read: an
+ * intrinsics.json beside a rig with priors, where the rig is called by a path, says whether its
+ * lenses come from the same samples.
+ *
+ * Structs begin with their size, which the caller sets to sizeof. Later versions add members behind
+ * the last one, so programs need not be compiled again; a struct that is smaller than that of this
+ * first version is neither read nor written: KINCAL_USAGE.
+ *
+ * Texts are UTF-8 and end with a 0; those of files have a length instead. A `const char*` that is
+ * returned lives as long as the handle. Buffers: `needed` (may be NULL) becomes how many bytes, or
+ * numbers, there are. With a NULL buffer of size 0 that is all; one that is too small is left
+ * alone: KINCAL_TOO_SMALL.
+ *
+ * Units are m, rad and px; frames and names are those of the rig's files.
+ *
+ * Threads. [any]: at any time, by any thread. [shared]: several threads may use one handle at once,
+ * as long as none frees it. [one]: one thread at a time uses a handle. Different handles have
+ * nothing in common. */
+#ifndef KINCAL_H
+#define KINCAL_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define KINCAL_API __attribute__((visibility("default")))
+#else
+#define KINCAL_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* How a call ended. */
+typedef int32_t kincal_status;
+enum {
+  KINCAL_OK = 0,
+  KINCAL_INPUT = 1, /* something is wrong in what was given: a text, a name, a number, an option */
+  KINCAL_USAGE = 2, /* the call is wrong: NULL, the size of a struct, an index */
+  KINCAL_TOO_SMALL = 3, /* the buffer is; `needed` says how large it has to be */
+  KINCAL_NUMERICAL = 4, /* no calibration can start, or its result cannot be written exactly */
+  KINCAL_CANCELLED = 5, /* the listener asked for it */
+  KINCAL_MEMORY = 6,
+  KINCAL_INTERNAL = 7 /* a mistake of kincal */
+};
+
+/* What is wrong, and where, as far as that is known: the name of the text and the line in it, and
+ * the name of the field ("views[0].ids"), option ("free") or argument. Texts that are longer are
+ * cut. */
+typedef struct kincal_error {
+  size_t size;
+  kincal_status status;
+  int32_t line; /* from 1; 0: not known */
+  char message[2048];
+  char file[512];
+  char name[256];
+} kincal_error;
+#define KINCAL_ERROR_INIT                       \
+  {                                             \
+    sizeof(kincal_error), 0, 0, {0}, {0}, { 0 } \
+  }
+
+/* The text of a file: `size` bytes, and the name that messages call it by. */
+typedef struct kincal_text {
+  const char* data;
+  size_t size;
+  const char* name;
+} kincal_text;
+
+/* The version of the library, "0.1.0". [any] */
+KINCAL_API const char* kincal_version(void);
+
+/* ---------------------------------------------------------------------------- problems
+ * A problem is a rig, its robot, and samples, read and checked. */
+typedef struct kincal_problem kincal_problem;
+
+/* Reads a rig.yaml, a URDF (NULL: the rig knows its robot by its flange) and a samples.jsonl. [any]
+ */
+KINCAL_API kincal_status kincal_problem_new(const kincal_text* rig, const kincal_text* urdf,
+                                            const kincal_text* samples, kincal_problem** problem,
+                                            kincal_error* error);
+/* [one] */
+KINCAL_API void kincal_problem_free(kincal_problem* problem);
+/* The number of samples; 0 of NULL. [shared] */
+KINCAL_API size_t kincal_problem_samples(const kincal_problem* problem);
+
+/* Kinds of names. */
+enum {
+  KINCAL_JOINTS = 0,  /* that have a reading, in the order in which postures are given */
+  KINCAL_SENSORS = 1, /* of the rig, in its order: indices in views */
+  KINCAL_TARGETS = 2,
+  KINCAL_FRAMES = 3, /* links, sensor/NAME, target/NAME */
+  KINCAL_GROUPS = 4  /* what moves together; of monitors only */
+};
+/* The name of a kind and index; NULL beyond the last one, and of other kinds. [shared] */
+KINCAL_API const char* kincal_problem_name(const kincal_problem* problem, int32_t kind,
+                                           size_t index);
+
+/* ---------------------------------------------------------------------------- calibration */
+/* How far the work is. */
+typedef struct kincal_news {
+  size_t size;
+  const char* what;  /* the stage, or the step; it lives until the listener returns */
+  double share;      /* of the stage that is done; NaN: that cannot be told */
+  double chi2;       /* after that iteration, else NaN */
+  int32_t iteration; /* that ended; 0: a step begins; -1: it is a stage */
+  int32_t reserved;
+} kincal_news;
+/* Is called by one thread at a time, which may be another than the caller's; it returns 0, or else
+ * the work is given up: KINCAL_CANCELLED. It must not throw, nor leave by longjmp. */
+typedef int32_t (*kincal_listener)(const kincal_news* news, void* user);
+typedef struct kincal_progress {
+  size_t size;
+  kincal_listener listener;
+  void* user;
+} kincal_progress;
+
+/* A result is a calibration: the texts of its files, and what stands in them. */
+typedef struct kincal_result kincal_result;
+
+/* Calibrates as `kincal calibrate` and kincal.calibrate() in Python do, with their options:
+ * `settings` is a JSON mapping, "{\"noise\": \"point\", \"free\": [\"joint/NAME/offset\"]}", or
+ * NULL. How well it ended is no error: kincal_result_summary() has it. `progress` may be NULL.
+ * [shared] */
+KINCAL_API kincal_status kincal_calibrate(const kincal_problem* problem, const char* settings,
+                                          const kincal_progress* progress, kincal_result** result,
+                                          kincal_error* error);
+/* Reads a result from texts of its folder, by their names there: rig.yaml, result.json, robot.urdf,
+ * robot_unbent.urdf and rig_rigid.yaml where they are, covariance.csv (for covariance and monitor).
+ * Others are kept. [any] */
+KINCAL_API kincal_status kincal_result_read(const kincal_text* files, size_t count,
+                                            kincal_result** result, kincal_error* error);
+/* [one] */
+KINCAL_API void kincal_result_free(kincal_result* result);
+
+/* How a calibration ended. */
+typedef struct kincal_summary {
+  size_t size;
+  double chi2; /* NaN: there is none */
+  int64_t dof;
+  size_t components; /* that were estimated */
+  size_t rows;       /* of the covariance; 0: there is none */
+  char status[32];   /* converged, unobservable, not_converged, unexplained */
+  char use[16];      /* whether to use it: good, doubts, no */
+} kincal_summary;
+/* [shared] */
+KINCAL_API kincal_status kincal_result_summary(const kincal_result* result, kincal_summary* summary,
+                                               kincal_error* error);
+
+/* The name of a file of the result that is there, by index; NULL beyond the last one. [shared] */
+KINCAL_API const char* kincal_result_file_name(const kincal_result* result, size_t index);
+/* The text of a file, as `kincal calibrate --out` writes it, with a 0 behind it, which counts in
+ * `size` and `needed`. report.html is made by each call. [shared] */
+KINCAL_API kincal_status kincal_result_file(const kincal_result* result, const char* name,
+                                            char* buffer, size_t size, size_t* needed,
+                                            kincal_error* error);
+
+/* A number that was estimated. Those of poses are increments [x y z rx ry rz] from the rig's pose.
+ */
+typedef struct kincal_component {
+  size_t size;
+  double initial, value;
+  double sigma; /* NaN: not determined; 0: held */
+  int64_t row;  /* of the covariance; -1: none */
+  char name[256];
+  char unit[16];
+} kincal_component;
+/* [shared] */
+KINCAL_API kincal_status kincal_result_component(const kincal_result* result, size_t index,
+                                                 kincal_component* component, kincal_error* error);
+/* The covariance, rows x rows numbers row by row; NaN: not determined. Some rows may be of numbers
+ * that are held, which no component has. [shared] */
+KINCAL_API kincal_status kincal_result_covariance(const kincal_result* result, double* buffer,
+                                                  size_t count, size_t* needed,
+                                                  kincal_error* error);
+
+/* As kincal_problem_name(). [shared] */
+KINCAL_API const char* kincal_result_name(const kincal_result* result, int32_t kind, size_t index);
+/* The pose of a frame seen from `base` (NULL: the rig's base), of the calibrated robot, links that
+ * bend and all: a 4 x 4 matrix, row by row. `readings` are in the order of KINCAL_JOINTS; NaN: not
+ * known, of a joint that moves neither. [shared] (7 parameters because C has no spans.) */
+KINCAL_API kincal_status kincal_result_forward(const kincal_result* result, const double* readings,
+                                               size_t count, const char* frame, const char* base,
+                                               double pose[16], kincal_error* error);
+
+/* Readings with which a robot that bends, or has error curves, is where robot.urdf would be at
+ * `planned`. */
+typedef struct kincal_compensation {
+  size_t size;
+  const char* tip;           /* the frame that is to be there */
+  const char* base;          /* seen from what stands still; NULL: the only such sensor or target */
+  const double* planned;     /* in the order of KINCAL_JOINTS; NaN: not known */
+  double* readings;          /* becomes the answer; may be `planned` */
+  size_t count;              /* of both */
+  double position, rotation; /* become what is left, m and rad */
+  int32_t position_only;     /* not 0: how the tip is turned does not matter */
+  int32_t reserved;
+} kincal_compensation;
+/* KINCAL_INPUT where robot.urdf has all that was found. [shared] */
+KINCAL_API kincal_status kincal_result_compensate(const kincal_result* result,
+                                                  kincal_compensation* compensation,
+                                                  kincal_error* error);
+
+/* A problem of the calibrated rig with other samples, to be evaluated. [shared] */
+KINCAL_API kincal_status kincal_result_problem(const kincal_result* result,
+                                               const kincal_text* samples, kincal_problem** problem,
+                                               kincal_error* error);
+
+/* ---------------------------------------------------------------------------- evaluation
+ * An answer is what was found without calibrating, as JSON. */
+typedef struct kincal_answer kincal_answer;
+
+/* Residuals at the rig's own values, as `kincal evaluate --json`. Options: noise, free. [shared] */
+KINCAL_API kincal_status kincal_evaluate(const kincal_problem* problem, const char* settings,
+                                         const kincal_progress* progress, kincal_answer** answer,
+                                         kincal_error* error);
+/* Looks for the usual mistakes, as `kincal check --json`. Options: noise, threads. [shared] */
+KINCAL_API kincal_status kincal_check(const kincal_problem* problem, const char* settings,
+                                      const kincal_progress* progress, kincal_answer** answer,
+                                      kincal_error* error);
+/* [one] */
+KINCAL_API void kincal_answer_free(kincal_answer* answer);
+/* Its JSON; buffers as of kincal_result_file(). [shared] */
+KINCAL_API kincal_status kincal_answer_json(const kincal_answer* answer, char* buffer, size_t size,
+                                            size_t* needed, kincal_error* error);
+
+/* ---------------------------------------------------------------------------- monitor
+ * A monitor is shown the samples of a calibrated robot one at a time and says how well each fits,
+ * and whether something has moved since (docs/on-a-robot.md). */
+typedef struct kincal_monitor kincal_monitor;
+
+typedef struct kincal_monitor_options {
+  size_t size;
+  double samples_between_alarms; /* in the mean, while nothing has moved; at least 10 */
+} kincal_monitor_options;
+
+/* What one sensor measured of one target, in the rig's units. */
+typedef struct kincal_view {
+  int32_t sensor, target; /* indices of KINCAL_SENSORS and KINCAL_TARGETS */
+  const int32_t* ids; /* of the target's points; none where the sensor measures poses, all 0 of a
+                         plane */
+  size_t ids_count;
+  const double* z; /* the numbers of each point in its order (camera: u v; stereo, point, ...: as in
+                      samples.jsonl); a pose: x y z qx qy qz qw; of a chain none */
+  size_t z_count;
+  const double* sigma; /* NULL: the rig's; else as many as the sensor has */
+  size_t sigma_count;
+} kincal_view;
+typedef struct kincal_sample {
+  size_t size;
+  size_t view_size;       /* sizeof(kincal_view) */
+  const char* id;         /* for messages; may be NULL */
+  const double* readings; /* in the order of KINCAL_JOINTS; NaN: not in the sample */
+  size_t readings_count;
+  const kincal_view* views;
+  size_t views_count;
+} kincal_sample;
+
+/* States of a sample. */
+enum {
+  KINCAL_FITS = 0,
+  KINCAL_OUTLIER = 1,       /* left out until others do not fit either */
+  KINCAL_TELLS_NOTHING = 2, /* no view has more measurements than unknowns of its own */
+  KINCAL_UNDEFINED = 3      /* nothing can be computed of it; `why` says why */
+};
+typedef struct kincal_innovation {
+  size_t size;
+  int32_t state;
+  int32_t alarm;       /* 1: something has moved; kincal_monitor_moved() says what */
+  int32_t unexplained; /* 1: outliers in a row, and nothing that moved explains them */
+  int32_t reserved;
+  double chi2, dof;
+  double probability; /* of the sensor that fits worst */
+  double log_odds;
+  size_t sensors; /* that kincal_monitor_sensor() knows of it */
+  char why[256];
+} kincal_innovation;
+
+/* Begins at a result, which has a covariance. `options` may be NULL: 10000 samples. [shared] */
+KINCAL_API kincal_status kincal_monitor_new(const kincal_result* result,
+                                            const kincal_monitor_options* options,
+                                            kincal_monitor** monitor, kincal_error* error);
+/* [one] */
+KINCAL_API void kincal_monitor_free(kincal_monitor* monitor);
+/* As kincal_problem_name(), and KINCAL_GROUPS. [shared] */
+KINCAL_API const char* kincal_monitor_name(const kincal_monitor* monitor, int32_t kind,
+                                           size_t index);
+
+/* Shows it a sample. Robots with floating joints, and sigmas of single readings, need
+ * kincal_monitor_add_json(). [one] */
+KINCAL_API kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* sample,
+                                            kincal_innovation* innovation, kincal_error* error);
+/* The same of one line of a samples.jsonl. [one] */
+KINCAL_API kincal_status kincal_monitor_add_json(kincal_monitor* monitor, const kincal_text* sample,
+                                                 kincal_innovation* innovation,
+                                                 kincal_error* error);
+
+/* How one sensor fits, given what all others saw. */
+typedef struct kincal_sensor_innovation {
+  size_t size;
+  size_t sensor;
+  double chi2, dof, probability;
+} kincal_sensor_innovation;
+/* Of the sample that was shown last. [one] */
+KINCAL_API kincal_status kincal_monitor_sensor(const kincal_monitor* monitor, size_t index,
+                                               kincal_sensor_innovation* sensor,
+                                               kincal_error* error);
+
+/* A group that may have moved, and one number of it. */
+typedef struct kincal_moved {
+  size_t size;
+  size_t group; /* of KINCAL_GROUPS */
+  size_t changes;
+  int64_t since; /* sample, counted from 0 */
+  double probability;
+} kincal_moved;
+typedef struct kincal_change {
+  size_t size;
+  double change, sigma;
+  char name[256];
+  char unit[16];
+} kincal_change;
+/* Finds what may have moved, the likeliest first, in some milliseconds: `count` groups, with their
+ * probabilities if something has (it is asked after an alarm); none before the first sample. They
+ * are kept until the next sample or restart. [one] */
+KINCAL_API kincal_status kincal_monitor_find(kincal_monitor* monitor, size_t* count,
+                                             kincal_error* error);
+/* [one] */
+KINCAL_API kincal_status kincal_monitor_moved(const kincal_monitor* monitor, size_t index,
+                                              kincal_moved* moved, kincal_error* error);
+/* [one] */
+KINCAL_API kincal_status kincal_monitor_change(const kincal_monitor* monitor, size_t moved,
+                                               size_t index, kincal_change* change,
+                                               kincal_error* error);
+/* Counts changes from now on. With `accept` (not 0) the likeliest one has happened: the monitor
+ * contains it from now on. [one] */
+KINCAL_API kincal_status kincal_monitor_restart(kincal_monitor* monitor, int32_t accept,
+                                                kincal_error* error);
+
+/* A kind of noise that was seen, over the stated one. */
+typedef struct kincal_noise {
+  size_t size;
+  int64_t sensor;  /* -1: of the readings of a joint */
+  char joint[256]; /* its name, else empty */
+  char part[32];   /* of the sensor's noise, where it has several; else empty */
+  double factor, residuals;
+} kincal_noise;
+/* By index; KINCAL_USAGE beyond the last one. [one] */
+KINCAL_API kincal_status kincal_monitor_noise(const kincal_monitor* monitor, size_t index,
+                                              kincal_noise* noise, kincal_error* error);
+
+typedef struct kincal_counts {
+  size_t size;
+  int64_t samples, outliers; /* that were shown, and of these */
+  size_t noise;              /* kinds of noise that were seen */
+} kincal_counts;
+/* [one] */
+KINCAL_API kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts* counts,
+                                               kincal_error* error);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,275 @@
+// The monitor of the C interface.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "../../io/rig/samples_file.h"
+#include "../../models/monitor/monitor.h"
+#include "../../models/rig/numbers.h"
+#include "../../models/sensors/surface.h"
+#include "handles.h"
+
+using namespace kincal;
+
+struct kincal_monitor {
+  Monitor monitor;
+  NamesByKind names;
+  Innovation last = {};
+  std::vector<Moved> moved = {};
+};
+
+namespace kincal {
+namespace {
+
+/// Copies an array of the caller. @throws Refusal
+template <class T>
+std::vector<T> array_of(const T* from, size_t count, const std::string& where) {
+  if (count == 0) return {};
+  if (count > static_cast<size_t>(std::numeric_limits<int>::max()))
+    throw Refusal{KINCAL_USAGE, where + ": " + std::to_string(count) + " are too many"};
+  given(from, where.c_str());
+  return std::vector<T>(from, from + count);
+}
+
+/// What a reader of samples.jsonl checks, and Monitor::add() does not.
+void check_view(const Rig& rig, const View& view, const std::string& where) {
+  const Sensor& sensor = rig.sensors[view.sensor];
+  const Target& target = rig.targets[view.target];
+  const bool plane = target.type == "plane";
+  if (sees_surfaces(*sensor.model) != plane)
+    throw InputError(where + "target: sensors of type surface, and no others, see planes; '" +
+                     sensor.name + "' is a " + sensor.type + ", '" + target.name + "' a " +
+                     target.type);
+  if (sensor.model->measures_pose()) {
+    if (!view.ids.empty())
+      throw InputError(where + "ids: a " + sensor.type + " view has no points");
+    if (view.z.size() == 7) {
+      const double length = Eigen::Map<const Eigen::Vector4d>(view.z.data() + 3).norm();
+      if (!(std::abs(length - 1) <= 1e-3))
+        throw InputError(where + "z: a unit quaternion is expected behind x y z");
+    }
+    return;
+  }
+  if (view.ids.empty()) throw InputError(where + "ids: at least one point is expected");
+  std::vector<char> seen(static_cast<size_t>(target.count()), 0);
+  for (const int id : view.ids) {
+    if (id < 0 || id >= target.count())
+      throw InputError(where + "ids: '" + target.name + "' has no point " + std::to_string(id));
+    if (!plane && seen[static_cast<size_t>(id)])
+      throw InputError(where + "ids: point " + std::to_string(id) + " stands twice");
+    seen[static_cast<size_t>(id)] = 1;
+  }
+}
+
+View view_of(const kincal_view& from, const Rig& rig, const std::string& where) {
+  const auto index = [&](int32_t at, size_t count, const char* what) {
+    if (at < 0 || static_cast<size_t>(at) >= count)
+      throw InputError(where + what + ": the rig has no " + what + " " + std::to_string(at));
+    return static_cast<int>(at);
+  };
+  View out;
+  out.sensor = index(from.sensor, rig.sensors.size(), "sensor");
+  out.target = index(from.target, rig.targets.size(), "target");
+  const std::vector<int32_t> ids = array_of(from.ids, from.ids_count, where + "ids");
+  out.ids = std::vector<int>(ids.begin(), ids.end());
+  out.z = array_of(from.z, from.z_count, where + "z");
+  out.sigma = from.sigma ? array_of(from.sigma, from.sigma_count, where + "sigma")
+                         : rig.sensors[out.sensor].sigma;
+  check_view(rig, out, where);
+  if (out.z.size() == 7 && rig.sensors[out.sensor].model->measures_pose())
+    Eigen::Map<Eigen::Vector4d>(out.z.data() + 3).normalize();
+  return out;
+}
+
+Sample sample_of(const kincal_sample& from, const Rig& rig,
+                 const std::vector<std::string>& joints) {
+  if (from.view_size < sizeof(kincal_view))
+    throw Refusal{KINCAL_USAGE, "view_size: " + std::to_string(from.view_size) +
+                                    " is not the size of a view (" +
+                                    std::to_string(sizeof(kincal_view)) + ")"};
+  Sample out;
+  out.id = from.id ? from.id : "";
+  if (from.readings_count != joints.size())
+    throw InputError("readings: " + std::to_string(joints.size()) +
+                     " are expected, one a joint, not " + std::to_string(from.readings_count));
+  const std::vector<double> readings = array_of(from.readings, joints.size(), "readings");
+  out.readings.assign(rig.tree.joints.size(), kNan);
+  for (size_t i = 0; i < readings.size(); ++i) {
+    if (std::isinf(readings[i]))
+      throw InputError("readings[" + std::to_string(i) + "]: that of '" + joints[i] +
+                       "' is infinite");
+    out.readings[static_cast<size_t>(rig.tree.find_joint(joints[i]))] = readings[i];
+  }
+  if (from.views_count > 0) given(from.views, "views");
+  const char* const first = reinterpret_cast<const char*>(from.views);
+  for (size_t v = 0; v < from.views_count; ++v) {
+    kincal_view view;
+    std::memcpy(&view, first + v * from.view_size, sizeof view);
+    out.views.push_back(view_of(view, rig, "views[" + std::to_string(v) + "]."));
+  }
+  return out;
+}
+
+int32_t state_number(SampleState state) {
+  switch (state) {
+    case SampleState::fits:
+      return KINCAL_FITS;
+    case SampleState::outlier:
+      return KINCAL_OUTLIER;
+    case SampleState::tells_nothing:
+      return KINCAL_TELLS_NOTHING;
+    case SampleState::undefined:
+      return KINCAL_UNDEFINED;
+  }
+  return KINCAL_UNDEFINED;
+}
+
+void show(kincal_monitor& monitor, const Sample& sample, kincal_innovation* innovation) {
+  monitor.last = monitor.monitor.add(sample);
+  monitor.moved.clear();
+  const Innovation& last = monitor.last;
+  kincal_innovation out{};
+  out.state = state_number(last.state);
+  out.alarm = last.alarm;
+  out.unexplained = last.unexplained;
+  out.chi2 = last.chi2;
+  out.dof = last.dof;
+  out.probability = last.probability;
+  out.log_odds = last.log_odds;
+  out.sensors = last.sensors.size();
+  copy_text(out.why, sizeof out.why, last.why);
+  write_struct(innovation, out);
+}
+
+}  // namespace
+}  // namespace kincal
+
+kincal_status kincal_monitor_new(const kincal_result* result, const kincal_monitor_options* options,
+                                 kincal_monitor** monitor, kincal_error* error) {
+  return guarded(error, [&] {
+    given(monitor, "monitor");
+    MonitorOptions read;
+    if (options) read.samples_between_alarms = sized(options, "options").samples_between_alarms;
+    if (!(read.samples_between_alarms >= 10) || std::isinf(read.samples_between_alarms))
+      throw InputError("samples_between_alarms: a number from 10 on is expected");
+    const kincal_result& of = given(result, "result");
+    Monitor made(state_of(of.calibrated), read);
+    NamesByKind names = of.names;
+    for (const DriftGroup& group : made.groups()) names[KINCAL_GROUPS].push_back(group.name);
+    *monitor = new kincal_monitor{std::move(made), std::move(names)};
+  });
+}
+
+void kincal_monitor_free(kincal_monitor* monitor) { delete monitor; }
+
+const char* kincal_monitor_name(const kincal_monitor* monitor, int32_t kind, size_t index) {
+  return monitor ? name_at(monitor->names, kind, index) : nullptr;
+}
+
+kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* sample,
+                                 kincal_innovation* innovation, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    sized(innovation, "innovation");
+    show(of, sample_of(sized(sample, "sample"), of.monitor.rig(), of.names[KINCAL_JOINTS]),
+         innovation);
+  });
+}
+
+kincal_status kincal_monitor_add_json(kincal_monitor* monitor, const kincal_text* sample,
+                                      kincal_innovation* innovation, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    sized(innovation, "innovation");
+    const std::string text = text_of(sample, "sample"), name = name_of(*sample, "sample");
+    const std::vector<Sample> samples = parse_samples(text, name, of.monitor.rig());
+    if (samples.size() != 1)
+      throw InputError(name + ": one sample is expected, not " + std::to_string(samples.size()));
+    show(of, samples[0], innovation);
+  });
+}
+
+kincal_status kincal_monitor_sensor(const kincal_monitor* monitor, size_t index,
+                                    kincal_sensor_innovation* sensor, kincal_error* error) {
+  return guarded(error, [&] {
+    sized(sensor, "sensor");
+    const SensorInnovation& of = element(given(monitor, "monitor").last.sensors, index, "index");
+    write_struct(sensor, kincal_sensor_innovation{0, static_cast<size_t>(of.sensor), of.chi2,
+                                                  of.dof, of.probability});
+  });
+}
+
+kincal_status kincal_monitor_find(kincal_monitor* monitor, size_t* count, kincal_error* error) {
+  return guarded(error, [&] {
+    given(count, "count");
+    kincal_monitor& of = given(monitor, "monitor");
+    of.moved = of.monitor.moved();
+    *count = of.moved.size();
+  });
+}
+
+kincal_status kincal_monitor_moved(const kincal_monitor* monitor, size_t index, kincal_moved* moved,
+                                   kincal_error* error) {
+  return guarded(error, [&] {
+    sized(moved, "moved");
+    const Moved& of = element(given(monitor, "monitor").moved, index, "index");
+    write_struct(
+        moved, kincal_moved{0, static_cast<size_t>(of.group), static_cast<size_t>(of.change.size()),
+                            of.since, of.probability});
+  });
+}
+
+kincal_status kincal_monitor_change(const kincal_monitor* monitor, size_t moved, size_t index,
+                                    kincal_change* change, kincal_error* error) {
+  return guarded(error, [&] {
+    sized(change, "change");
+    const kincal_monitor& of = given(monitor, "monitor");
+    const Moved& found = element(of.moved, moved, "moved");
+    const DriftGroup& group = of.monitor.groups()[static_cast<size_t>(found.group)];
+    const Component& component =
+        of.monitor.columns()[static_cast<size_t>(element(group.columns, index, "index"))];
+    kincal_change out{};
+    out.change = found.change(static_cast<Eigen::Index>(index));
+    out.sigma = found.sigma(static_cast<Eigen::Index>(index));
+    copy_text(out.name, sizeof out.name, of.monitor.table().name(component));
+    copy_text(out.unit, sizeof out.unit, of.monitor.table().unit(component));
+    write_struct(change, out);
+  });
+}
+
+kincal_status kincal_monitor_restart(kincal_monitor* monitor, int32_t accept, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    of.monitor.restart(accept != 0);
+    of.moved.clear();
+  });
+}
+
+kincal_status kincal_monitor_noise(const kincal_monitor* monitor, size_t index, kincal_noise* noise,
+                                   kincal_error* error) {
+  return guarded(error, [&] {
+    sized(noise, "noise");
+    const Monitor& of = given(monitor, "monitor").monitor;
+    const NoiseSeen seen = element(of.noise(), index, "index");
+    kincal_noise out{};
+    out.sensor = seen.sensor;
+    out.factor = seen.factor;
+    out.residuals = seen.residuals;
+    const auto part = static_cast<size_t>(seen.part);
+    if (seen.sensor < 0)
+      copy_text(out.joint, sizeof out.joint, of.rig().tree.joints[part].name);
+    else
+      copy_text(out.part, sizeof out.part,
+                of.rig().sensors[static_cast<size_t>(seen.sensor)].model->noise_parts()[part].name);
+    write_struct(noise, out);
+  });
+}
+
+kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts* counts,
+                                    kincal_error* error) {
+  return guarded(error, [&] {
+    sized(counts, "counts");
+    const Monitor& of = given(monitor, "monitor").monitor;
+    write_struct(counts, kincal_counts{0, of.samples(), of.outliers(), of.noise().size()});
+  });
+}
