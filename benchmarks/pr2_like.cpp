@@ -211,6 +211,16 @@ void draw(std::vector<double>& readings, int first, const ArmLimits& limits, Ran
     readings[first + i] = random.uniform(limits[i].low, limits[i].high);
 }
 
+/// A point of a box. One statement a number: compilers differ in which argument they evaluate
+/// first.
+Vector3d between(const Limits& x, const Limits& y, const Limits& z, Random& random) {
+  Vector3d p;
+  p.z() = random.uniform(z.low, z.high);
+  p.y() = random.uniform(y.low, y.high);
+  p.x() = random.uniform(x.low, x.high);
+  return p;
+}
+
 /// A part of the robot that is posed by itself until its sensors see the board.
 struct Limb {
   int first_joint;
@@ -303,8 +313,7 @@ RobotProblem pr2_like(int boards) {
   Matrix3d facing;  // the board's axes as the head sees them: x to its right, y down, z away
   facing << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   while (static_cast<int>(p.samples.size()) < boards) {
-    const Vector3d at(random.uniform(0.75, 1.15), random.uniform(-0.45, 0.45),
-                      random.uniform(-0.25, 0.45));
+    const Vector3d at = between({0.75, 1.15}, {-0.45, 0.45}, {-0.25, 0.45}, random);
     const Vector3d w = random.vector(0.3);
     const double bearing = std::atan2(at.y(), at.x()),
                  depression = std::atan2(0.45 - at.z(), at.head<2>().norm());
@@ -349,8 +358,7 @@ RobotProblem four_arms(int samples) {
   Matrix3d facing;
   facing << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   while (static_cast<int>(p.samples.size()) < samples) {
-    const Vector3d at(random.uniform(0.8, 1.2), random.uniform(-0.3, 0.3),
-                      random.uniform(-0.4, 0.2));
+    const Vector3d at = between({0.8, 1.2}, {-0.3, 0.3}, {-0.4, 0.2}, random);
     draw_sample(p, {facing * exp_so3(random.vector(0.3)), at}, limbs, 5000, random);
   }
   check(p, 480L * samples + 116, 116, 6L * samples);
@@ -390,8 +398,7 @@ RobotProblem cell(int arms, int boards) {
   facing << 0, 0, 1, -1, 0, 0, 0, -1, 0;
   while (static_cast<int>(p.samples.size()) < boards) {
     const int k = static_cast<int>(p.samples.size()) % arms, next = (k + 1) % arms;
-    const Vector3d at(random.uniform(0.9, 1.3), random.uniform(-0.2, 0.2),
-                      random.uniform(-0.4, 0.2));
+    const Vector3d at = between({0.9, 1.3}, {-0.2, 0.2}, {-0.4, 0.2}, random);
     // From its station an arm has the board on its left or right, so its shoulder turns there.
     ArmLimits left = arm_limits(1), right = arm_limits(-1);
     left[0] = {-1, 0.2}, right[0] = {-0.2, 1};

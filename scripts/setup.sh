@@ -14,6 +14,7 @@ python_packages=(python3-dev python3-numpy pybind11-dev)  # for the Python packa
 image_packages=(libopencv-contrib-dev)  # for kincal-detect and kincal-render, which are left out without it
 # Python: an independent implementation to compare with; mypy and pandas are for tests of the Python package.
 test_packages=(catch2 python3-numpy python3-scipy python3-yaml python3-pandas mypy "${python_packages[@]}" "${image_packages[@]}" "${bag_packages[@]}")
+arm64_packages=(g++-aarch64-linux-gnu qemu-user-static mmdebstrap)  # another processor's compiler, the processor, and its Debian; without them it is not tested
 cluster_packages=(slurm-wlm munge)  # a Slurm that its tests start for themselves; without it they are skipped
 
 fail() {

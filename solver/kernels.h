@@ -105,10 +105,11 @@ struct Kernels {
 
 /// Returns the kernels for this processor. The environment variable KINCAL_ISA (baseline, avx2,
 /// avx512) lowers the instruction set, for tests and comparisons; any other value of it is ignored.
+/// On arm64 the only set is neon, which every processor has.
 const Kernels& kernels();
 /// Returns all kernels that this processor can run, `count` of them, the plainest first; for tests.
 const Kernels* const* all_kernels(int& count);
-/// Returns the instruction set that kernels() chose: 0 baseline, 1 avx2, 2 avx512.
+/// Returns the instruction set that kernels() chose: 0 baseline (on arm64: neon), 1 avx2, 2 avx512.
 int instruction_set();
 
 }  // namespace kincal

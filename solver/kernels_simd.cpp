@@ -8,7 +8,7 @@ namespace {
 
 // ---- gram: tiles of T x T sums of products along the rows.
 
-constexpr int T = kLanes == 8 ? 4 : 3;
+constexpr int T = kRegisters == 32 ? 4 : 3;
 
 template <int I, int J, bool Diagonal>
 inline void gram_tile(const double* a, const double* b, int rows, std::ptrdiff_t stride, double* g,

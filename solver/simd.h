@@ -16,8 +16,15 @@ namespace KINCAL_ISA {
 constexpr int kLanes = 8;
 #elif defined(__AVX__)
 constexpr int kLanes = 4;
-#else
+#else  // also NEON
 constexpr int kLanes = 2;
+#endif
+
+/// How many packs the processor's registers hold.
+#if defined(__AVX512F__) || defined(__aarch64__)
+constexpr int kRegisters = 32;
+#else
+constexpr int kRegisters = 16;
 #endif
 
 typedef double Pack __attribute__((vector_size(8 * kLanes)));

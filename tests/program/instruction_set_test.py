@@ -3,7 +3,8 @@
 Proves, for each noise mode: with the environment's KINCAL_ISA at baseline, avx2, avx512 and without it, chi2 is the same to 1e-9 of it
 and every number of every parameter to 1e-6 of its standard deviation, which is itself the same to 1e-6 of it; one set twice gives
 the same bits, and so does one thread or two; the variable acts where the processor has what it names; what it does not know, and
-what the processor lacks, leaves the best set (solver/kernels.h: the variable lowers). It does not prove that the numbers are right
+what the processor lacks, leaves the best set (solver/kernels.h: the variable lowers). Where KINCAL_OTHER names the program of another processor
+(scripts/cross-arm64), its results are as near, and it simulates the same samples. It does not prove that the numbers are right
 (cli_test.py, data_test.py, reference_test.py).
 """
 
@@ -44,7 +45,7 @@ class Case(unittest.TestCase):
     def tearDownClass(cls):
         shutil.rmtree(cls.dir, ignore_errors=True)
 
-    def calibrate(self, isa, *args):
+    def calibrate(self, isa, *args, program=None):
         """(result.json, its text and the other numbers' files without what names the run)."""
         type(self).count += 1
         out = os.path.join(self.dir, "out%d" % self.count)
@@ -52,7 +53,7 @@ class Case(unittest.TestCase):
         if isa is not None:
             env["KINCAL_ISA"] = isa
         example = os.path.join(SOURCE_DIR, "examples", "pr2")
-        p = subprocess.run([KINCAL, "calibrate", os.path.join(example, "rig.yaml"), os.path.join(example, "samples.jsonl"), "--out", out]
+        p = subprocess.run([program or KINCAL, "calibrate", os.path.join(example, "rig.yaml"), os.path.join(example, "samples.jsonl"), "--out", out]
                            + list(args), stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, env=env, timeout=300)
         self.assertEqual(p.returncode, 0, p.stderr.decode()[-500:])
         texts = []
@@ -106,6 +107,28 @@ class Sets(Case):
 
     def test_none(self):
         self.mode("none")
+
+
+@unittest.skipUnless(os.environ.get("KINCAL_OTHER"), "KINCAL_OTHER names no program")
+class Other(Case):
+    def test_calibrations(self):
+        for noise in ("latent", "marginal", "point", "none"):
+            with self.subTest(noise=noise):
+                self.close(self.calibrate(None, "--noise", noise)[0], self.calibrate(None, "--noise", noise, program=os.environ["KINCAL_OTHER"])[0])
+
+    def test_simulated_samples(self):
+        example, texts = os.path.join(SOURCE_DIR, "examples", "pr2"), []
+        for name, program in (("here", KINCAL), ("there", os.environ["KINCAL_OTHER"])):
+            out = os.path.join(self.dir, name)
+            subprocess.run([program, "simulate", os.path.join(example, "rig.yaml"), "--samples", "8", "--seed", "5", "--out", out, "--quiet"], check=True, timeout=300)
+            with open(os.path.join(out, "samples.jsonl"), encoding="utf-8") as f:
+                texts.append(f.read())
+        number = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+        self.assertEqual(*(re.sub(number, "0", text) for text in texts))
+        pairs = list(zip(*(map(float, re.findall(number, text)) for text in texts)))
+        self.assertGreater(len(pairs), 1000)
+        for x, y in pairs:
+            self.assertLessEqual(abs(x - y), 1e-9 * max(1, abs(x)))
 
 
 class Choice(Case):

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <catch2/catch.hpp>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "../../solver/kernels.h"
@@ -37,6 +38,15 @@ std::vector<const Kernels*> sets() {
 }
 
 }  // namespace
+
+TEST_CASE("kernels: the plainest set is the one that every processor of this kind has") {
+#ifdef __aarch64__
+  CHECK(std::string(sets()[0]->name) == "neon");
+#else
+  CHECK(std::string(sets()[0]->name) == "baseline");
+#endif
+  CHECK(sets()[instruction_set()] == &kernels());
+}
 
 TEST_CASE("kernels: gram") {
   std::mt19937 engine(1);
