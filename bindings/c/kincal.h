@@ -367,6 +367,61 @@ typedef struct kincal_counts {
 KINCAL_API kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts* counts,
                                                kincal_error* error);
 
+/* What it has learnt, as bytes; buffers as of kincal_result_file(). [one] */
+KINCAL_API kincal_status kincal_monitor_save(const kincal_monitor* monitor, char* buffer,
+                                             size_t size, size_t* needed, kincal_error* error);
+/* Goes on from there. KINCAL_INPUT, and nothing has changed, where the bytes are damaged, of
+ * another version, or of another calibration. [one] */
+KINCAL_API kincal_status kincal_monitor_load(kincal_monitor* monitor, const char* bytes,
+                                             size_t count, kincal_error* error);
+
+/* ---------------------------------------------------------------------------- static view
+ * A camera that should stand still and sees things that do not move, without a calibration
+ * (docs/on-a-robot.md). */
+typedef struct kincal_static_view kincal_static_view;
+
+typedef struct kincal_static_options {
+  size_t size;
+  double samples_between_alarms; /* in the mean, while nothing moves; at least 10 */
+  int32_t learning;              /* samples that say where everything is; at least 3 */
+  int32_t reserved;
+} kincal_static_options;
+typedef struct kincal_static_innovation {
+  size_t size;
+  int32_t learning; /* 1: nothing is said of it */
+  int32_t alarm;    /* 1: something has moved; kincal_static_view_moved() says what */
+  double chi2, dof;
+  double probability; /* of the point that fits worst */
+  double largest;     /* distance of a point from where it was, px */
+  double log_odds;
+  size_t left_out; /* points that were found wrongly */
+} kincal_static_innovation;
+typedef struct kincal_static_moved {
+  size_t size;
+  int64_t point; /* -1: the camera */
+  int64_t since; /* sample, counted from 0 */
+  double probability;
+  double shift[2], sigma[2]; /* px; of the camera in the middle of all points */
+  double largest;            /* px, of any point */
+} kincal_static_moved;
+
+/* `points`: how many there are; not every picture needs all. `options` may be NULL: 10000 and 10.
+ * [any] */
+KINCAL_API kincal_status kincal_static_view_new(size_t points, const kincal_static_options* options,
+                                                kincal_static_view** view, kincal_error* error);
+/* [one] */
+KINCAL_API void kincal_static_view_free(kincal_static_view* view);
+/* Shows it a picture: indices of `count` points, and u v of each. [one] */
+KINCAL_API kincal_status kincal_static_view_add(kincal_static_view* view, const int32_t* points,
+                                                const double* pixels, size_t count,
+                                                kincal_static_innovation* innovation,
+                                                kincal_error* error);
+/* What may have moved, by index, the likeliest first; KINCAL_USAGE beyond the last one. [shared] */
+KINCAL_API kincal_status kincal_static_view_moved(const kincal_static_view* view, size_t index,
+                                                  kincal_static_moved* moved, kincal_error* error);
+/* Learns where everything is from the next pictures, beginning with the last one. [one] */
+KINCAL_API kincal_status kincal_static_view_restart(kincal_static_view* view, kincal_error* error);
+
 #ifdef __cplusplus
 }
 #endif

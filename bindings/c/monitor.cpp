@@ -5,6 +5,7 @@
 
 #include "../../io/rig/samples_file.h"
 #include "../../models/monitor/monitor.h"
+#include "../../models/monitor/static_view.h"
 #include "../../models/rig/numbers.h"
 #include "../../models/sensors/surface.h"
 #include "handles.h"
@@ -272,4 +273,90 @@ kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts
     const Monitor& of = given(monitor, "monitor").monitor;
     write_struct(counts, kincal_counts{0, of.samples(), of.outliers(), of.noise().size()});
   });
+}
+
+kincal_status kincal_monitor_save(const kincal_monitor* monitor, char* buffer, size_t size,
+                                  size_t* needed, kincal_error* error) {
+  return guarded(error, [&] {
+    const std::string bytes = given(monitor, "monitor").monitor.save();
+    to_buffer(std::vector<char>(bytes.begin(), bytes.end()), buffer, size, needed);
+  });
+}
+
+kincal_status kincal_monitor_load(kincal_monitor* monitor, const char* bytes, size_t count,
+                                  kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    of.monitor.load({&given(bytes, "bytes"), count});
+    of.last = {};
+    of.moved.clear();
+  });
+}
+
+struct kincal_static_view {
+  StaticView view;
+};
+
+kincal_status kincal_static_view_new(size_t points, const kincal_static_options* options,
+                                     kincal_static_view** view, kincal_error* error) {
+  return guarded(error, [&] {
+    given(view, "view");
+    StaticViewOptions read;
+    if (options) {
+      read.samples_between_alarms = sized(options, "options").samples_between_alarms;
+      read.learning = options->learning;
+    }
+    if (!(read.samples_between_alarms >= 10) || std::isinf(read.samples_between_alarms))
+      throw InputError("samples_between_alarms: a number from 10 on is expected");
+    constexpr size_t kMost = 10000;  // memory grows with the square
+    if (points > kMost)
+      throw InputError("points: at most " + std::to_string(kMost) + " are expected");
+    *view = new kincal_static_view{StaticView(static_cast<int>(points), read)};
+  });
+}
+
+void kincal_static_view_free(kincal_static_view* view) { delete view; }
+
+kincal_status kincal_static_view_add(kincal_static_view* view, const int32_t* points,
+                                     const double* pixels, size_t count,
+                                     kincal_static_innovation* innovation, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_static_view& of = given(view, "view");
+    sized(innovation, "innovation");
+    const std::vector<int32_t> read = array_of(points, count, "points");
+    const std::vector<double> numbers = array_of(pixels, 2 * count, "pixels");
+    const ViewInnovation seen = of.view.add(
+        {read.begin(), read.end()},
+        Eigen::Map<const Eigen::Matrix2Xd>(numbers.data(), 2, static_cast<Eigen::Index>(count)));
+    kincal_static_innovation out{};
+    out.learning = seen.learning;
+    out.alarm = seen.alarm;
+    out.chi2 = seen.chi2;
+    out.dof = seen.dof;
+    out.probability = seen.probability;
+    out.largest = seen.largest;
+    out.log_odds = seen.log_odds;
+    out.left_out = seen.left_out.size();
+    write_struct(innovation, out);
+  });
+}
+
+kincal_status kincal_static_view_moved(const kincal_static_view* view, size_t index,
+                                       kincal_static_moved* moved, kincal_error* error) {
+  return guarded(error, [&] {
+    sized(moved, "moved");
+    const std::vector<ViewMoved> all = given(view, "view").view.moved();
+    const ViewMoved& of = element(all, index, "index");
+    write_struct(moved, kincal_static_moved{0,
+                                            of.point,
+                                            of.since,
+                                            of.probability,
+                                            {of.shift.x(), of.shift.y()},
+                                            {of.sigma.x(), of.sigma.y()},
+                                            of.largest});
+  });
+}
+
+kincal_status kincal_static_view_restart(kincal_static_view* view, kincal_error* error) {
+  return guarded(error, [&] { given(view, "view").view.restart(); });
 }

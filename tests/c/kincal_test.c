@@ -434,6 +434,24 @@ static void test_monitor(const kincal_result* result) {
   MUST(kincal_monitor_add(monitor, &n.sample, &after, error));
   CHECK(after.state == KINCAL_FITS && !after.alarm); /* it knows of the change */
 
+  /* What it has learnt goes on in another one. */
+  size_t needed = 0;
+  MUST(kincal_monitor_save(monitor, NULL, 0, &needed, error));
+  char* bytes = malloc(needed);
+  FAILS(kincal_monitor_save(monitor, bytes, needed - 1, NULL, error), KINCAL_TOO_SMALL, "room for");
+  MUST(kincal_monitor_save(monitor, bytes, needed, NULL, error));
+  FAILS(kincal_monitor_load(other, bytes, needed - 1, error), KINCAL_INPUT, "it is truncated");
+  bytes[needed / 2] ^= 1;
+  FAILS(kincal_monitor_load(other, bytes, needed, error), KINCAL_INPUT, "its checksum is wrong");
+  bytes[needed / 2] ^= 1;
+  MUST(kincal_monitor_load(other, bytes, needed, error));
+  free(bytes);
+  CHECK(counts_of(other).samples == counts_of(monitor).samples);
+  kincal_innovation again = innovation();
+  MUST(kincal_monitor_add(monitor, &n.sample, &after, error));
+  MUST(kincal_monitor_add(other, &n.sample, &again, error));
+  CHECK(after.chi2 == again.chi2 && after.log_odds == again.log_odds);
+
   const kincal_counts counts = counts_of(monitor);
   CHECK(counts.noise == 1 || counts.noise > 3);
   for (size_t i = 0; i < counts.noise; ++i) {
@@ -445,6 +463,47 @@ static void test_monitor(const kincal_result* result) {
   }
   kincal_monitor_free(other);
   kincal_monitor_free(monitor);
+}
+
+/* A board whose picture moves by 3 px, with a little noise that repeats. */
+static void test_static_view(void) {
+  enum { POINTS = 20 };
+  kincal_static_view* view = NULL;
+  const kincal_static_options few = {sizeof few, 10000, 2, 0};
+  FAILS(kincal_static_view_new(POINTS, &few, &view, error), KINCAL_INPUT, "at least 3 samples");
+  FAILS(kincal_static_view_new(0, NULL, &view, error), KINCAL_INPUT, "at least 1 is expected");
+  MUST(kincal_static_view_new(POINTS, NULL, &view, error));
+  int32_t points[POINTS];
+  double pixels[2 * POINTS];
+  kincal_static_innovation told;
+  told.size = sizeof told;
+  for (int n = 0; n < 40; ++n) {
+    for (int i = 0; i < POINTS; ++i) {
+      points[i] = i;
+      pixels[2 * i] = 100 * (i % 5) + 0.1 * sin(12.9 * i + 78.2 * n) + (n < 30 ? 0 : 3);
+      pixels[2 * i + 1] = 100 * (i / 5) + 0.1 * sin(93.9 * i + 67.3 * n);
+    }
+    MUST(kincal_static_view_add(view, points, pixels, POINTS, &told, error));
+    CHECK(told.learning == (n < 10) && told.alarm == (n >= 30));
+  }
+  kincal_static_moved moved;
+  moved.size = sizeof moved;
+  MUST(kincal_static_view_moved(view, 0, &moved, error));
+  CHECK(moved.point == -1 && moved.since == 30 && moved.probability > 0.9);
+  CHECK(fabs(moved.shift[0] - 3) < 0.1 && fabs(moved.shift[1]) < 0.1);
+  FAILS(kincal_static_view_moved(view, POINTS + 1, &moved, error), KINCAL_USAGE, "is not below 21");
+  points[1] = 0;
+  FAILS(kincal_static_view_add(view, points, pixels, POINTS, &told, error), KINCAL_INPUT,
+        "one is there twice");
+  points[1] = POINTS;
+  FAILS(kincal_static_view_add(view, points, pixels, POINTS, &told, error), KINCAL_INPUT,
+        "there is no such point");
+  FAILS(kincal_static_view_add(view, points, NULL, POINTS, &told, error), KINCAL_USAGE, "pixels");
+  MUST(kincal_static_view_restart(view, error));
+  points[1] = 1;
+  MUST(kincal_static_view_add(view, points, pixels, POINTS, &told, error));
+  CHECK(told.learning == 1);
+  kincal_static_view_free(view);
 }
 
 static void test_wrong_samples(const kincal_result* result) {
@@ -738,6 +797,7 @@ int main(int argc, char** argv) {
   test_forward(result);
   test_evaluation(result);
   test_monitor(result);
+  test_static_view();
   test_wrong_samples(result);
   test_wrong_problems();
   test_wrong_settings(problem, covariance);
