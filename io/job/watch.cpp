@@ -185,7 +185,7 @@ void Watch::transfer(StateBytes& bytes) {
       bytes.value(moved.change);
       bytes.value(moved.sigma);
       bytes.value(moved.chi2);
-      bytes.value(moved.rows);
+      bytes.value(moved.residuals);
     });
   });
   bytes.value(unexplained_);

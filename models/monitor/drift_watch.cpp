@@ -112,7 +112,7 @@ void DriftWatch::begin(long sample) {
   now.before = sum_;
   now.before_pull = sum_pull_;
   now.before_squares = sum_squares_;
-  now.before_rows = sum_rows_;
+  now.before_residuals = sum_residuals_;
   // Of each weight at most kPerSpan: where there is one more, the two oldest become one of twice
   // the weight. It keeps the later one's start: a change since the other would seem smaller by the
   // samples before it.
@@ -131,10 +131,12 @@ void DriftWatch::begin(long sample) {
   }
 }
 
-double DriftWatch::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y) {
+double DriftWatch::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y,
+                        long residuals) {
   // Leaves the columns that are not 0 in touched_ and, one after the other, in j_; L of S in s_,
   // L^-1 J in through_, L^-1 v in v_.
   rows_ = j.rows();
+  residuals_ = residuals < 0 ? static_cast<long>(rows_) : residuals;
   touched_.clear();
   for (Index c = 0; c < j.cols(); ++c) {
     if ((j.col(c).array() == 0).all()) continue;
@@ -191,8 +193,9 @@ double DriftWatch::log_factor(const Start& start, size_t group, int scale) const
 
 void DriftWatch::take(bool learn, long sample) {
   const Index m = rows_, n = static_cast<Index>(touched_.size());
+  if (alarm_) learn = false;
   // Of samples in a row that are not learnt from the first begins a start: it happened then.
-  if (learn || !streak_ || used_ == 0) {
+  if (used_ == 0 || (!alarm_ && (learn || !streak_))) {
     begin(sample);
     starts_.front().sure = !learn;
   }
@@ -231,7 +234,7 @@ void DriftWatch::take(bool learn, long sample) {
   }
   alarm_ = alarm_ || log_statistic_ >= log_limit_;
   sum_squares_ += y_.head(m).squaredNorm();
-  sum_rows_ += m;
+  sum_residuals_ += residuals_;
   auto square = square_.topLeftCorner(n, n);
   square.noalias() = j.transpose() * j;
   for (Index c = 0; c < n; ++c) {
@@ -321,7 +324,7 @@ Moved DriftWatch::moved_since(const Start& start, size_t group, double& log) con
     out.sigma = (out.sigma.cwiseAbs2() + share * share / 3 * out.change.cwiseAbs2()).cwiseSqrt();
   }
   out.chi2 = sum_squares_ - start.before_squares - d.dot(2 * pull - n * d);
-  out.rows = sum_rows_ - start.before_rows;
+  out.residuals = sum_residuals_ - start.before_residuals;
   return out;
 }
 
@@ -402,7 +405,7 @@ void DriftWatch::transfer(StateBytes& bytes) {
   bytes.coefficients(sum_);
   bytes.coefficients(sum_pull_);
   bytes.value(sum_squares_);
-  bytes.value(sum_rows_);
+  bytes.value(sum_residuals_);
   bytes.value(used_);
   if (used_ < 0 || used_ > static_cast<int>(starts_.size()))
     throw std::invalid_argument("state: it is damaged");
@@ -418,7 +421,7 @@ void DriftWatch::transfer(StateBytes& bytes) {
     bytes.coefficients(start.before);
     bytes.coefficients(start.before_pull);
     bytes.value(start.before_squares);
-    bytes.value(start.before_rows);
+    bytes.value(start.before_residuals);
   }
 }
 

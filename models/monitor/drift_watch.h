@@ -65,7 +65,7 @@ struct Moved {
   long since = 0;          // sample
   VectorXd change, sigma;  // by the group's columns
   double chi2 = 0;         // of the samples since then, with it
-  long rows = 0;           // of their equations
+  long residuals = 0;      // that their equations stand for
 };
 
 class DriftWatch {
@@ -77,11 +77,14 @@ class DriftWatch {
              int most_rows);
 
   /// Looks at the equations of a sample, rows x columns and rows, already divided by the noise: at
-  /// most most_rows. Returns v'S^-1 v. Allocates nothing.
-  double look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y);
+  /// most most_rows. They stand for so many residuals (-1: as many as rows). Returns v'S^-1 v.
+  /// Allocates nothing.
+  double look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y,
+              long residuals = -1);
   /// Takes the equations that it looked at last. With `learn` the filter does, too; without, only
-  /// the test (samples that fit badly must not spoil the estimate). `sample` is its number, for
-  /// Moved::since. Allocates nothing.
+  /// the test (samples that fit badly must not spoil the estimate). While there is an alarm the
+  /// filter learns nothing and no start begins: what has moved would spoil both. `sample` is its
+  /// number, for Moved::since. Allocates nothing.
   void take(bool learn, long sample);
 
   /// Returns log R; -infinity before the first sample.
@@ -117,8 +120,8 @@ class DriftWatch {
     MatrixXd covariance;
     MatrixXd before;  // sums of J'J and J'y before it
     VectorXd before_pull;
-    double before_squares = 0;  // sum of y'y, and how many rows
-    long before_rows = 0;
+    double before_squares = 0;  // sum of y'y, and of how many residuals
+    long before_residuals = 0;
   };
   void begin(long sample);
   Moved moved_since(const Start& start, size_t group, double& log) const;
@@ -134,7 +137,7 @@ class DriftWatch {
   MatrixXd sum_;  // of J'J
   VectorXd sum_pull_;
   double sum_squares_ = 0;
-  long sum_rows_ = 0;
+  long sum_residuals_ = 0;
   std::vector<Start> starts_;  // the used ones first, the latest start first
   int used_ = 0;
   // Scratch
@@ -142,6 +145,7 @@ class DriftWatch {
   MatrixXd j_, through_, s_, gain_, narrow_, square_;
   VectorXd y_, v_;
   Eigen::Index rows_ = 0;
+  long residuals_ = 0;
 };
 
 }  // namespace kincal

@@ -139,7 +139,7 @@ struct Monitor::Parts {
   struct Pending {
     MatrixXd rows;
     VectorXd right;
-    long sample;
+    long sample, residuals;
   };
 
   Recording base;  // without samples
@@ -398,7 +398,8 @@ Innovation Monitor::add(const Sample& sample) {
   const MatrixXd rows = compressed(all);
   const MatrixXd j = rows.leftCols(n);
   const VectorXd y = -rows.col(n);
-  out.chi2 = p.test->look(j, y);
+  const long residuals = all.rows();
+  out.chi2 = p.test->look(j, y, residuals);
   out.dof = static_cast<double>(all.rows());
   Parts::Expected seen = p.expected(e, scaled);
   double least = 1;  // probability of what a sensor shows, where its noise is known as far as it is
@@ -431,29 +432,31 @@ Innovation Monitor::add(const Sample& sample) {
     out.state = SampleState::outlier;
     ++p.outliers;
     if (!p.pending && !p.drifting) {
-      p.pending = {j, y, number};
+      p.pending = {j, y, number, residuals};
     } else {
       if (p.pending) {
-        p.test->look(p.pending->rows, p.pending->right);
+        p.test->look(p.pending->rows, p.pending->right, p.pending->residuals);
         p.test->take(false, p.pending->sample);
-        p.test->look(j, y);
+        p.test->look(j, y, residuals);
       }
       p.pending.reset();
       p.drifting = true;
       p.test->take(false, number);
       if (p.test->alarm()) {
         const Moved first = p.test->moved().front();
-        out.unexplained = chi2_tail(first.chi2, static_cast<double>(first.rows)) < kOutlier;
+        out.unexplained = chi2_tail(first.chi2, static_cast<double>(first.residuals)) < kOutlier;
         if (out.unexplained) p.test->restart({});
       }
     }
   } else {
     p.pending.reset();
     p.drifting = false;
-    for (const auto& [kind, more] : seen.noise) p.noise[kind].add(more.squares, more.residuals);
+    // (While there is an alarm what has moved would count as noise.)
+    if (!p.test->alarm())
+      for (const auto& [kind, more] : seen.noise) p.noise[kind].add(more.squares, more.residuals);
     // With what it says of the noise itself: else the first samples of a noisier robot are a drift.
     const MatrixXd again = compressed(without_privates(p.scaled(e), e.private_size));
-    p.test->look(again.leftCols(n), -again.col(n));
+    p.test->look(again.leftCols(n), -again.col(n), residuals);
     p.test->take(true, number);
   }
   out.log_odds = p.test->log_statistic();
@@ -495,6 +498,7 @@ void Monitor::Parts::transfer(StateBytes& bytes) {
     bytes.value(pending->rows);
     bytes.value(pending->right);
     bytes.value(pending->sample);
+    bytes.value(pending->residuals);
     if (pending->rows.cols() != static_cast<Index>(columns.size()) ||
         pending->rows.rows() > pending->rows.cols() + 1 ||
         pending->right.size() != pending->rows.rows())

@@ -173,7 +173,7 @@ TEST_CASE("drift watch: an accepted change is part of the estimate") {
   const std::vector<Moved> moved = test.moved();
   REQUIRE(groups()[moved[0].group].columns[0] == 7);
   CHECK(moved[0].since == 20);
-  CHECK(moved[0].rows == 3 * kRows);
+  CHECK(moved[0].residuals == 3 * kRows);
   CHECK(moved[0].chi2 < 40);  // of 12
   test.restart(moved);
   CHECK_FALSE(test.alarm());
