@@ -9,6 +9,7 @@
 #include "../../io/document/files.h"
 #include "../../io/document/numbers.h"
 #include "../../io/job/check.h"
+#include "../../io/job/plan.h"
 #include "../../io/job/robot.h"
 #include "../../io/job/settings.h"
 #include "../../io/job/simulate.h"
@@ -220,7 +221,6 @@ std::shared_ptr<PySamples> parse_sample_text(const std::shared_ptr<PyRig>& rig, 
                                                })});
 }
 
-
 py::dict calibrate_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
                        const py::dict& given, const Text& command, const py::object& progress) {
   const CalibrateSettings settings = settings_of(given, command);
@@ -326,6 +326,15 @@ py::tuple simulate_rig(const std::shared_ptr<PyRig>& rig, int samples, std::uint
   const Rig& of = rig->file.rig;
   return py::make_tuple(Text(samples_text(of, job.simulation.samples)),
                         Text(truth_text(of, job.table, job.simulation)), job.warnings);
+}
+
+py::tuple plan_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
+                   const PlanSettings& settings, const py::object& progress) {
+  const PosturePlan made = released(progress, [=](const Progress& told) {
+    return plan_postures(rig->file, samples ? &samples->set : nullptr, settings, told);
+  });
+  return py::make_tuple(Text(postures_text(rig->file.rig, made.postures)),
+                        Text(plan_json(made).dump()), Text(plan_text(made)));
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -451,6 +460,15 @@ PYBIND11_MODULE(_kincal, m) {
         py::arg("progress"));
   m.def("simulate", simulate_rig, py::arg("rig"), py::arg("samples"), py::arg("seed"),
         py::arg("spread"), py::arg("files"), py::arg("progress"));
+  py::class_<PlanSettings>(m, "PlanSettings")
+      .def(py::init([](int next, int candidates, std::uint64_t seed, const Text& goal,
+                       const std::optional<std::pair<Text, Text>>& postures, double clearance) {
+        PlanSettings out{next, candidates, seed, goal, std::nullopt, clearance, Words::keywords};
+        if (postures) out.postures = NamedText{postures->first, postures->second};
+        return out;
+      }));
+  m.def("plan", plan_rig, py::arg("rig"), py::arg("samples"), py::arg("settings"),
+        py::arg("progress"));
   m.def("forward", forward, py::arg("rig"), py::arg("joints"), py::arg("values"), py::arg("frame"),
         py::arg("base"));
   m.def("compensate", compensate_readings, py::arg("real"), py::arg("planned"), py::arg("tip_base"),

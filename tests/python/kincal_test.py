@@ -533,6 +533,27 @@ class Watching(Folder):
             views.add({"views": [{"sensor": "eye"}]})
 
 
+class Planning(Folder):
+    def test_plan(self):
+        """The same as the program; and after samples, of candidates of one's own."""
+        rig = os.path.join(PR2, "rig.yaml")
+        made = kincal.plan(rig, next=8, candidates=200, seed=3)
+        out = subprocess.run([KINCAL, "plan", rig, "--next", "8", "--candidates", "200", "--seed", "3", "--json", "--out", self.path("p.jsonl")], stdout=subprocess.PIPE, text=True, check=True).stdout
+        self.assertEqual(made.forecast, json.loads(out))
+        with open(self.path("p.jsonl")) as file:
+            self.assertEqual(made.postures, [json.loads(line) for line in file])
+        self.assertIn("Predicted error of the calibration", repr(made))
+        more = kincal.plan(rig, os.path.join(PR2, "samples.jsonl"), next=3, postures=made.postures, clearance=None)
+        self.assertEqual(more.forecast["candidates"], 8)
+        self.assertLess(more.forecast["forecast"][0]["planned"], 0.1 * made.forecast["forecast"][0]["planned"])
+        samples = kincal.simulate(rig, 8, 1, postures=made.postures, spread={"joint/*/offset": 0.001}).samples
+        self.assertEqual(len(samples), 8)
+        for bad in (dict(next=0), dict(clearance=-1.0), dict(goal="frame/nobody"), dict(goal="frame/base_link<1px")):
+            with self.assertRaises(kincal.InputError) as wrong:
+                kincal.plan(rig, **bad)
+            self.assertIn(next(iter(bad)), str(wrong.exception))
+
+
 class Running(Folder):
     def test_progress(self):
         told = []

@@ -10,7 +10,7 @@ from ._data import Rig, Samples
 from ._errors import InputError, StartError
 from ._kincal import __version__
 from ._result import Check, Compensated, Evaluation, Parameter, Residuals, Result
-from ._run import Monitor, Progress, Simulation, StaticViews, calibrate, check, detect, evaluate, simulate
+from ._run import Monitor, Plan, Progress, Simulation, StaticViews, calibrate, check, detect, evaluate, plan, simulate
 
-__all__ = ["Check", "Compensated", "Evaluation", "InputError", "Monitor", "Parameter", "Progress", "Residuals", "Result", "Rig", "Samples", "Simulation", "StaticViews",
-           "StartError", "__version__", "calibrate", "check", "detect", "evaluate", "simulate"]
+__all__ = ["Check", "Compensated", "Evaluation", "InputError", "Monitor", "Parameter", "Plan", "Progress", "Residuals", "Result", "Rig", "Samples", "Simulation", "StaticViews",
+           "StartError", "__version__", "calibrate", "check", "detect", "evaluate", "plan", "simulate"]

@@ -99,6 +99,36 @@ def simulate(rig: RigLike, samples: int, seed: int, *, spread: Optional[Mapping[
     return Simulation(Samples.from_text(text, "simulated"), json.loads(true), list(warnings))
 
 
+class Plan(NamedTuple):
+    """Postures to record, as `simulate` takes them, in an order that is short to drive; what they bring, as `kincal plan --json` has it, and in words."""
+    postures: List[Dict[str, Any]]
+    forecast: Dict[str, Any]
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text.rstrip()
+
+
+def plan(rig: RigLike, samples: Optional[SamplesLike] = None, *, next: int = 20, goal: str = "parameters", candidates: int = 2000, seed: int = 1,
+         postures: Union[Path, Iterable[Mapping[str, Any]], None] = None, clearance: Optional[float] = 0.02, progress: Optional[Listener] = None) -> Plan:
+    """Chooses the postures that help most: as `kincal plan`. `samples` is what was recorded already, `postures` are candidates that are known to be safe, `clearance` (m) is what links keep from each other; None: that is not looked at."""
+    one = as_rig(rig)
+    for name, value, low, high in (("next", next, 1, 1000), ("candidates", candidates, 10, 100_000), ("seed", seed, 0, 1 << 62)):
+        if not isinstance(value, int) or not low <= value <= high:
+            raise InputError("%s: %r is no integer in %d .. %d" % (name, value, low, high))
+    if clearance is not None and not 0 <= clearance <= 1:
+        raise InputError("clearance: %r is not in 0 .. 1" % (clearance,))
+    file = None
+    if postures is not None:
+        stored = as_samples(postures)
+        file = (stored.path if stored.path != "samples" else "postures", stored.text)
+    settings = _kincal.PlanSettings(next, candidates, seed, goal, file, -1.0 if clearance is None else float(clearance))
+    told = _told(progress)
+    read = None if samples is None else as_samples(samples).of(one, told)
+    text, forecast, words = _kincal.plan(one._rig, read, settings, told)
+    return Plan([json.loads(line) for line in text.splitlines()], json.loads(forecast), words)
+
+
 class Monitor:
     """Watches samples of a calibrated robot, one at a time: how well each fits, and what has moved since; as `kincal monitor`. `result` is a
     Result, or the path of its folder; `false_alarms`: so many samples lie between two false alarms, in the mean."""
