@@ -75,8 +75,10 @@ class Plan(unittest.TestCase):
         for name, one in result["parameters"].items():
             if not name.endswith("/offset"):
                 continue
-            true = truth.get(name, {"true": 0.0})
-            out.append((one["value"] - (true["true"] if isinstance(true, dict) else true), one["sigma"]))
+            true = truth.get(name, 0.0)
+            true = true["true"] if isinstance(true, dict) else true
+            true = true[0] if isinstance(true, list) else true
+            out.append((one["value"][0] - true, one["sigma"][0]))
         return out
 
     def test_better_than_random(self):
