@@ -507,7 +507,7 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
         "errors are smaller than the instrument's stated noise alone, which is therefore stated "
         "too large: upper limits are those of the errors as they are seen");
   for (const std::string& doubt : files.doubts)
-    out.notes.push_back("of the calibration: " + doubt.substr(0, doubt.find(" What to do: ")));
+    out.notes.push_back("of the calibration: " + doubt.substr(0, doubt.find(". What to do: ")));
   return out;
 }
 
