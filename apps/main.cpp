@@ -47,6 +47,7 @@ const char* const kFooter =
     "  kincal monitor result new_samples.jsonl                    has anything moved since?\n"
     "  kincal plan rig.yaml --next 20 --out postures.jsonl        which postures to record, and "
     "what they bring\n"
+    "  kincal verify result new_samples.jsonl --out certificate   is it as accurate as claimed?\n"
     "  kincal fleet results --out fleet                           which robots are unlike the "
     "others, and what drifts\n"
     "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
@@ -128,6 +129,7 @@ int main(int argc, char** argv) try {
       {"evaluate", [&] { return evaluate_command(app, line); }},
       {"monitor", [&] { return monitor_command(app); }},
       {"plan", [&] { return plan_command(app); }},
+      {"verify", [&] { return verify_command(app, line); }},
       {"diff", [&] { return diff_command(app); }},
       {"fleet", [&] { return fleet_command(app); }},
       {"apply", [&] { return apply_command(app); }},

@@ -21,7 +21,7 @@ import sys
 
 # ---------------------------------------------------------------------------------------------- the rules
 KINEMATICS, SOLVER = "kinematics", "solver"
-FLOORS = [["joints"], ["sensors"], ["rig"], ["notices"], ["estimation"], ["fitting"], ["calibration"], ["monitor"], ["analysis"], ["design", "evidence"], ["automatic", "doctor", "trials"], ["report"]]
+FLOORS = [["joints"], ["sensors"], ["rig"], ["notices"], ["estimation"], ["fitting"], ["calibration"], ["monitor"], ["analysis"], ["design", "evidence", "verify"], ["automatic", "doctor", "trials"], ["report"]]
 MODELS = [f"models/{room}" for floor in FLOORS for room in floor] + ["models/simulation", "models/bundle_adjustment", "models/fleet", "models/intrinsics"]
 
 

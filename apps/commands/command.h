@@ -23,6 +23,7 @@ Command check_command(CLI::App& app, const std::string& command_line);
 Command evaluate_command(CLI::App& app, const std::string& command_line);
 Command monitor_command(CLI::App& app);
 Command plan_command(CLI::App& app);
+Command verify_command(CLI::App& app, const std::string& command_line);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);
 Command show_command(CLI::App& app);

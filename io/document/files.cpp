@@ -24,11 +24,11 @@ namespace {
 namespace fs = std::filesystem;
 
 const std::vector<std::string> kOwnFiles = {
-    "robot.urdf",        "rig.yaml",      "result.json",   "changes.yaml",    "covariance.csv",
-    "information.csv",   "samples.csv",   "residuals.csv", "loops.csv",       "batch.json",
-    "report.html",       "samples.jsonl", "truth.json",    "intrinsics.json", "coverage.svg",
-    "joints.csv",        "fleet.json",    "robots.csv",    "family.csv",      "drift.csv",
-    "robot_unbent.urdf", "rig_rigid.yaml"};
+    "robot.urdf",        "rig.yaml",       "result.json",      "changes.yaml",    "covariance.csv",
+    "information.csv",   "samples.csv",    "residuals.csv",    "loops.csv",       "batch.json",
+    "report.html",       "samples.jsonl",  "truth.json",       "intrinsics.json", "coverage.svg",
+    "joints.csv",        "fleet.json",     "robots.csv",       "family.csv",      "drift.csv",
+    "robot_unbent.urdf", "rig_rigid.yaml", "certificate.html", "certificate.json"};
 const char kWriting[] = ".writing-", kReplaced[] = ".replaced-";  // before a process id
 
 /// The output that a path means: without slashes at its end, which would make a name its own
