@@ -213,10 +213,36 @@ VectorXd nominal_values(const VerifiedResult& result) {
   return out;
 }
 
+/// What is stated of an instrument's noise. A calibration may have found other sigmas from the
+/// errors of the robot itself, which are no statement about the instrument.
+struct InstrumentNoise {
+  std::vector<double> found;  // the sensor's sigmas in the result
+  bool known = true;          // the rig stated them
+  double factor[2] = {1, 1};  // stated over found: of positions, of rotations
+};
+InstrumentNoise instrument_noise(const VerifiedResult& result, const Sensor& sensor) {
+  InstrumentNoise out;
+  out.found = sensor.sigma;
+  const Node node = parse_json(result.result_json, result.files.path);
+  const Field all = top(node, result.files.path);
+  if (!all.has("noise_levels")) return out;
+  const Field levels = all["noise_levels"];
+  for (size_t i = 0; i < levels.size(); ++i) {
+    const Field level = levels.item(i);
+    if (level["of"].string() != "sensor/" + sensor.name || !level.has("stated")) continue;
+    out.known = out.known && level["stated"].boolean();
+    if (level.has("used") && level["used"].node->kind == Node::Kind::scalar)
+      out.factor[level["part"].string() == "rotation"] =
+          level["assumed"].positive() / level["used"].positive();
+  }
+  return out;
+}
+
 /// What is measured of a target: a point of it, in its own frame.
 struct MeasuredPoint {
   bool pose = false;        // the instrument measures poses, so any point of the body
   Vector3d point{0, 0, 0};  // then
+  InstrumentNoise noise;
 };
 
 /// Checks that the frame of a tolerance is on the target's body and measured.
@@ -391,6 +417,16 @@ std::string approach_of(const std::string& id) {
   return at == std::string::npos ? "" : id.substr(at + 1);
 }
 
+/// The view with sigmas as they are stated; one that has its own keeps them.
+View stated_view(View view, const InstrumentNoise& noise, bool& known) {
+  if (!view.covariance.empty() || view.sigma != noise.found) return view;
+  known = noise.known;
+  std::vector<double> sigma = noise.found;
+  for (size_t k = 0; k < sigma.size() && noise.known; ++k) sigma[k] *= noise.factor[k >= 3];
+  view.sigma = sigma;
+  return view;
+}
+
 /// All views, by a robot.
 std::vector<VerifiedView> all_views(const PredictingRobot& robot, const SampleSet& samples,
                                     const InstrumentViews& measured, const MeasuredPoint& what) {
@@ -400,7 +436,10 @@ std::vector<VerifiedView> all_views(const PredictingRobot& robot, const SampleSe
   for (size_t k = 0; k < measured.views.size(); ++k) {
     const auto& [i, view] = measured.views[k];
     const Sample& sample = (*samples.samples)[i];
-    out.push_back(verified_view(robot, sample, *view, what, samples.path + ": " + sample.id));
+    bool known = true;
+    const View stated = stated_view(*view, what.noise, known);
+    out.push_back(verified_view(robot, sample, stated, what, samples.path + ": " + sample.id));
+    out.back().noise_known = known;
     out.back().posture = postures[k];
     const std::string way = approach_of(sample.id);
     if (!way.empty())
@@ -447,8 +486,9 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
   const InstrumentViews measured = measured_views(rig, samples, settings);
   const SeenSamples seen = seen_samples(result);
   refuse_seen(result, seen, samples, measured);
-  const MeasuredPoint what =
+  MeasuredPoint what =
       measured_point(files, measured, out.tolerance ? &*out.tolerance : nullptr, settings);
+  what.noise = instrument_noise(result, rig.sensors[measured.sensor]);
   out.robot = files.rig_file.urdf.robot;
   out.sensor = rig.sensors[measured.sensor].name;
   out.target = rig.targets[measured.target].name;
@@ -502,7 +542,11 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
     out.needed = postures_needed(out.judged(), out.tolerance->limit);
   }
   const AccuracyFigure& judged = out.judged();
-  if (judged.seen < judged.instrument)
+  if (!judged.noise_known)
+    out.notes.push_back(
+        "the rig does not state the instrument's noise, and what the calibration found contains "
+        "errors of the robot: nothing is taken out; state it as sigma in the samples' views");
+  else if (judged.seen < judged.instrument)
     out.notes.push_back(
         "errors are smaller than the instrument's stated noise alone, which is therefore stated "
         "too large: upper limits are those of the errors as they are seen");

@@ -26,7 +26,7 @@ constexpr char kStyle[] =
     ".pass{color:#14602c}.fail{color:#9c1c1c}.not{color:#7a5200}.none{color:#333}"
     ".hash{font:7.5pt 'Liberation Mono',monospace;word-break:break-all}"
     ".sign td{height:14mm;border-bottom:.2mm solid #1a1a1a;vertical-align:bottom}"
-    "svg text{font:3px 'Liberation Sans',Arial,sans-serif}"
+    "th{white-space:nowrap}svg{margin-top:5mm}svg text{font:3px 'Liberation Sans',Arial,sans-serif}"
     ".page{break-before:page}"
     "@media print{body{margin:0;padding:0;max-width:none}}";
 
@@ -181,6 +181,12 @@ std::string statement(const Field& all) {
   return out;
 }
 
+/// The answer without the word that stands above it.
+std::string answer_sentence(const Field& all) {
+  const std::string answer = all["answer"].string() + ": ", sentence = all["text"].string();
+  return sentence.rfind(answer, 0) == 0 ? sentence.substr(answer.size()) : sentence;
+}
+
 std::string about(const Field& all) {
   const Field instrument = all["instrument"], dates = all["dates"];
   std::string out = "<table>\n";
@@ -221,7 +227,7 @@ std::string certificate_page(const std::string& certificate_json) {
       "robot, on samples that its calibration has not seen</p>\n";
   out += about(all);
   out += "<div class=\"answer " + answer.substr(0, answer.find(' ')) + "\"><b>" +
-         (answer == "none" ? "no tolerance" : html(answer)) + "</b>" + html(all["text"].string()) +
+         (answer == "none" ? "no tolerance" : html(answer)) + "</b>" + html(answer_sentence(all)) +
          "</div>\n";
   out += figures_table(all);
   out += histogram(all["postures"]);

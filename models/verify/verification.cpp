@@ -38,8 +38,8 @@ void set_limits(AccuracyFigure& figure) {
                above = seen * (figure.freedom / chi2_quantile(1 - tail, figure.freedom) - 1),
                below = seen * (1 - figure.freedom / chi2_quantile(tail, figure.freedom)),
                known = kCoverage * 2 * kInstrumentKnown * noise;
-  figure.upper =
-      noise > seen ? std::sqrt(seen + above) : std::sqrt(square + std::hypot(above, known));
+  figure.upper = noise > seen || !figure.noise_known ? std::sqrt(seen + above)
+                                                     : std::sqrt(square + std::hypot(above, known));
   figure.lower = std::sqrt(std::max(0.0, seen - noise - std::hypot(below, known)));
 }
 
@@ -49,7 +49,7 @@ void complete(AccuracyFigure& figure, double seen, double noise, double variance
   const double n = static_cast<double>(figure.postures);
   figure.seen = std::sqrt(seen);
   figure.instrument = std::sqrt(noise);
-  figure.rms = std::sqrt(std::max(0.0, seen - noise));
+  figure.rms = std::sqrt(figure.noise_known ? std::max(0.0, seen - noise) : seen);
   figure.freedom = 2 / (variance * (n + 1) / (n - 3));
   set_limits(figure);
 }
@@ -75,6 +75,7 @@ std::vector<VerifiedView> barycentres(const std::vector<VerifiedView>& views) {
       mean.predicted += views[i].predicted / n;
       mean.noise += views[i].noise / (n * n);
       mean.turned = mean.turned && views[i].turned;
+      mean.noise_known = mean.noise_known && views[i].noise_known;
       measured += views[i].measured_rotation;
       predicted += views[i].predicted_rotation;
     }
@@ -107,6 +108,7 @@ AccuracyFigure position_accuracy(const std::vector<VerifiedView>& views, int fit
     sum += q;
     squares += q * q;
     noise += view.noise.trace() / n;
+    out.noise_known = out.noise_known && view.noise_known;
     moment += e * e.transpose();
     out.max = std::max(out.max, std::sqrt(q));
   }
@@ -147,6 +149,7 @@ AccuracyFigure distance_accuracy(const std::vector<VerifiedView>& views) {
   refit_base(fitted);
   Matrix3d moment = Matrix3d::Zero();
   for (const VerifiedView& view : fitted) {
+    out.noise_known = out.noise_known && view.noise_known;
     const Vector3d e = view.measured - view.predicted;
     moment += e * e.transpose();
   }

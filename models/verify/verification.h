@@ -12,7 +12,8 @@
 // of Gaussian errors of the same covariance, and enlarged by (n + 1) / (n - 3), for few postures
 // tell little of it. The instrument's variance is itself uncertain (kInstrumentKnown). Both parts
 // add as squares, above and below. Where errors are smaller than the instrument's noise alone, that
-// is stated too large, and the upper limit is that of the errors as they are seen. All limits are
+// is stated too large, and the upper limit is that of the errors as they are seen; so it is where
+// nobody states it. All limits are
 // for k = 2: a share of 2.3 % beyond each.
 #pragma once
 
@@ -33,7 +34,8 @@ struct VerifiedView {
   int approach = -1;  // which way the robot came; -1: not known
   Vector3d measured{0, 0, 0}, predicted{0, 0, 0};
   Matrix3d noise = Matrix3d::Zero();  // covariance of the measured position
-  bool turned = false;                // the instrument measures rotations, too
+  bool noise_known = true;  // stated for the instrument; else found from the robot's own errors
+  bool turned = false;      // the instrument measures rotations, too
   Matrix3d measured_rotation = Matrix3d::Identity(), predicted_rotation = Matrix3d::Identity();
 };
 
@@ -50,6 +52,7 @@ struct AccuracyFigure {
   long postures = 0;
   double seen = 0;              // rms with the instrument's noise in it
   double instrument = 0;        // rms of that noise
+  bool noise_known = true;      // else nothing is taken out of the figure and its upper limit
   double rms = 0;               // without it
   double max = 0;               // with it
   double lower = 0, upper = 0;  // of the rms, k = 2

@@ -2,7 +2,7 @@
 
 An arm of six joints with a reflector on its flange before a tracker; two data sets of real robots where KINCAL_DATA has them. Proves: figures of positions, distances, repeated postures and of the nominal robot's distances are those of a script of its own (forward
 kinematics of the written URDF, plain Python) to four digits; a wide tolerance passes, a narrow one fails, one at the figure is not provable and says how many postures it takes; samples that the calibration has seen, too few, in one place, or of the wrong
-instrument are refused, and nothing is written then; a tracker that was set up anew is fitted; the certificate has answer, names, dates and hashes, no script, and two sheets of print. Does not prove: rates of wrong decisions (tests/models/verify).
+instrument are refused, and nothing is written then; a tracker that was set up anew is fitted; noise that the rig does not state is taken out of no figure; the certificate has answer, names, dates and hashes, no script, and two sheets of print. Does not prove: rates of wrong decisions (tests/models/verify).
 """
 import hashlib
 import json
@@ -221,6 +221,21 @@ class Verify(Case):
             self.close(one["rp"], middle + 3 * math.sqrt(sum((x - middle) ** 2 for x in lengths) / 5))
             ways = [[sum(m[k] for m, _ in both[w::2]) / 3 for k in range(3)] for w in (0, 1)]
             self.close(one["vap"], norm(minus(*ways)))
+
+    def test_noise_not_stated(self):
+        rig, result = self.path("guess.yaml"), self.path("guessed")
+        with open(rig, "w") as f:
+            f.write(re.sub("estimate:.*", "", RIG, flags=re.S).replace("sigma: 0.00003", "sigma: {guess: 0.0001}"))
+        run("calibrate", rig, self.path("sim/samples.jsonl"), "--out", result, "--quiet")
+        told = json.loads(run("verify", result, self.samples, "--json"))
+        self.assertIn("does not state the instrument's noise", " ".join(told["notes"]))
+        self.close(told["after"]["distance"]["rms"], told["after"]["distance"]["seen"])
+        samples = samples_of(self.samples)
+        for sample in samples:
+            sample["views"][0]["sigma"] = 0.00003
+        told = json.loads(run("verify", result, write_samples(self.path("stated.jsonl"), samples), "--json"))
+        self.close(told["after"]["distance"]["instrument"], math.sqrt(2) * 3e-5)
+        self.assertLess(told["after"]["distance"]["rms"], told["after"]["distance"]["seen"])
 
     def test_certificate(self):
         out = self.path("certificate")

@@ -174,6 +174,18 @@ TEST_CASE("verify: errors smaller than the stated noise") {
   CHECK(figure.upper > figure.seen);  // nothing is taken out of it
 }
 
+TEST_CASE("verify: noise that nobody states") {
+  std::vector<VerifiedView> views = corners(1e-4);
+  for (size_t i = 0; i < views.size(); ++i) views[i].measured.x() += i % 2 ? 5e-4 : -3e-4;
+  const AccuracyFigure known = position_accuracy(views);
+  for (VerifiedView& view : views) view.noise_known = false;
+  const AccuracyFigure open = position_accuracy(barycentres(views));
+  CHECK(open.rms == Approx(open.seen));
+  CHECK(open.upper > known.upper);
+  CHECK(open.lower == Approx(known.lower));
+  CHECK_FALSE(distance_accuracy(views).noise_known);
+}
+
 TEST_CASE("verify: postures that repeat") {
   // One posture from two ways, about (3e-4, 2e-4, 0) and (3e-4, -2e-4, 0).
   std::vector<VerifiedView> views;
