@@ -328,10 +328,11 @@ py::tuple simulate_rig(const std::shared_ptr<PyRig>& rig, int samples, std::uint
                         Text(truth_text(of, job.table, job.simulation)), job.warnings);
 }
 
-py::tuple plan_rig(const std::shared_ptr<PyRig>& rig, const std::shared_ptr<PySamples>& samples,
+py::tuple plan_rig(const std::shared_ptr<PyRig>& rig,
+                   const std::optional<std::shared_ptr<PySamples>>& samples,
                    const PlanSettings& settings, const py::object& progress) {
   const PosturePlan made = released(progress, [=](const Progress& told) {
-    return plan_postures(rig->file, samples ? &samples->set : nullptr, settings, told);
+    return plan_postures(rig->file, samples ? &(*samples)->set : nullptr, settings, told);
   });
   return py::make_tuple(Text(postures_text(rig->file.rig, made.postures)),
                         Text(plan_json(made).dump()), Text(plan_text(made)));

@@ -1,14 +1,14 @@
 // models/design: which postures to record.
 //
-// Proves: the error of a choice is that of the dense inverse; of 12 candidates three are chosen
-// whose error is at most 2 % above that of the best three of all, and never above the mean of all
-// (30 random problems); a candidate that is not allowed is not chosen; what no posture tells is the
-// floor, and named; the goal of a frame is the mean square of its motion, and of what sensors see
-// that of their views, by finite motions of drawn parameters (2,000 draws, within 5 %), and a
-// common motion of sensor and target is none; rows of samples give the covariance of a calibration
-// of these samples; when enough postures are there; boxes that share a point are near each other
-// and boxes with a gap are not. Does not prove: that planned postures are better on robots
-// (program/plan_test.py).
+// Proves: the error of a choice is that of the dense inverse; of 12 candidates five are chosen
+// whose error is at most 10 % above that of the best five of all, 2 % in the mean, and never above
+// the mean of all (30 random problems); a candidate that is not allowed is not chosen; what no
+// posture tells is the floor, and named; the goal of a frame is the mean square of its motion, and
+// of what sensors see that of their views, by finite motions of drawn parameters (2,000 draws,
+// within 5 %), and a common motion of sensor and target is none; rows of samples give the
+// covariance of a calibration of these samples; when enough postures are there; boxes that share a
+// point are near each other and boxes with a gap are not. Does not prove: that planned postures are
+// better on robots (program/plan_test.py).
 #include "../../../models/design/design.h"
 
 #include <Eigen/LU>
@@ -110,29 +110,35 @@ TEST_CASE("design: the error of a choice is that of the dense inverse") {
           Approx(p.error({order.begin(), order.begin() + static_cast<long>(n)})).epsilon(1e-9));
 }
 
-TEST_CASE("design: three of twelve are nearly the best three") {
+TEST_CASE("design: five of twelve are nearly the best five") {
+  double ratios = 0;
   for (unsigned long seed = 0; seed < 30; ++seed) {
     const Choices p = random_problem(10 + seed, 12);
     double best = 1e9, sum = 0;
     int count = 0;
-    for (int a = 0; a < 12; ++a)
-      for (int b = a + 1; b < 12; ++b)
-        for (int c = b + 1; c < 12; ++c, ++count) {
-          const double error = p.error({a, b, c});
-          best = std::min(best, error);
-          sum += error;
-        }
+    for (int some = 0; some < 1 << 12; ++some) {
+      std::vector<int> chosen;
+      for (int i = 0; i < 12; ++i)
+        if (some >> i & 1) chosen.push_back(i);
+      if (chosen.size() != 5) continue;
+      const double error = p.error(chosen);
+      best = std::min(best, error);
+      sum += error;
+      ++count;
+    }
     DesignOptions options;
-    options.count = 3;
+    options.count = 5;
     const Design design = choose_postures(p.known, p.candidates, p.goal, options);
-    REQUIRE(design.chosen.size() == 3);
+    REQUIRE(design.chosen.size() == 5);
     CHECK(design.errors.back() == Approx(p.error(design.chosen)).epsilon(1e-9));
-    CHECK(design.errors.back() < 1.02 * best);
+    CHECK(design.errors.back() < 1.1 * best);
     CHECK(design.errors.back() < sum / count);
+    ratios += design.errors.back() / best;
     options.allowed = [&](int i) { return i != design.chosen[0]; };
     for (const int i : choose_postures(p.known, p.candidates, p.goal, options).chosen)
       CHECK(i != design.chosen[0]);
   }
+  CHECK(ratios / 30 < 1.02);
 }
 
 TEST_CASE("design: what no posture tells is the floor") {
@@ -240,7 +246,8 @@ TEST_CASE("design: rows of samples give the covariance of their calibration") {
   MatrixXd information = MatrixXd::Zero(7, 7);
   add_information(sample_rows(robot, solution.setup, samples, {}, {}), information);
   const MatrixXd covariance = information.inverse();
-  CHECK((covariance - solution.covariance).norm() < 1e-3 * solution.covariance.norm());
+  // (The calibration linearises at the errors of the readings that it found, these rows at none.)
+  CHECK((covariance - solution.covariance).norm() < 1e-2 * solution.covariance.norm());
   // Before any sample every component is known to its usual error.
   const MatrixXd before = known_before(robot, solution.setup);
   for (int i = 0; i < 7; ++i) CHECK(before(i, i) > 0);
