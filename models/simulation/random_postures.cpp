@@ -122,7 +122,7 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
         goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
     posture.targets[group.target] = world_.place(robot, before, group.target, draws_);
   }
-  return carry_out(std::move(posture), group, goal,
+  return carry_out(posture, group, goal,
                    RandomStream(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k)));
 }
 
@@ -165,12 +165,12 @@ std::optional<Draft> RandomPostures::reach(int k, const PostureGroup& group,
     }
   }
   posture.readings = robot.readings;
-  return carry_out(std::move(posture), group, &goal,
+  return carry_out(posture, group, &goal,
                    RandomStream(seed_, kFirstSampleStream + static_cast<std::uint64_t>(k)));
 }
 
 /// A sample if the posture shows enough, and the goal if there is one.
-std::optional<Draft> RandomPostures::carry_out(Posture posture, const PostureGroup& group,
+std::optional<Draft> RandomPostures::carry_out(const Posture& posture, const PostureGroup& group,
                                                const SensorTarget* goal,
                                                const RandomStream& noise) {
   std::vector<SensorTarget> views;

@@ -39,7 +39,7 @@ class RandomPostures {
 
  private:
   std::optional<Draft> attempt(int k, const PostureGroup& group, const SensorTarget* goal);
-  std::optional<Draft> carry_out(Posture posture, const PostureGroup& group,
+  std::optional<Draft> carry_out(const Posture& posture, const PostureGroup& group,
                                  const SensorTarget* goal, const RandomStream& noise);
   std::optional<Draft> reach(int k, const PostureGroup& group, const SensorTarget& goal);
   Posture random_posture(int k);

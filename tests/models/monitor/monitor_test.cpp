@@ -285,7 +285,7 @@ TEST_CASE("monitor: saved and loaded it goes on to the last bit") {
   CHECK(one.outliers() == 3);
 
   const std::string now = other.save();
-  const auto refused = [&](const char* why, std::string wrong) {
+  const auto refused = [&](const char* why, const std::string& wrong) {
     CHECK_THROWS_WITH(other.load(wrong), Contains(why));
     CHECK(other.save() == now);
   };

@@ -65,12 +65,16 @@ std::vector<VerifiedView> measured(const SmoothRobot& robot, int postures, doubl
 }
 
 using Figure = std::function<AccuracyFigure(std::vector<VerifiedView>)>;
-const Figure kPositions = [](std::vector<VerifiedView> views) { return position_accuracy(views); };
+const Figure kPositions = [](const std::vector<VerifiedView>& views) {
+  return position_accuracy(views);
+};
 const Figure kRefitted = [](std::vector<VerifiedView> views) {
   refit_base(views);
   return position_accuracy(views, 6);
 };
-const Figure kDistances = [](std::vector<VerifiedView> views) { return distance_accuracy(views); };
+const Figure kDistances = [](const std::vector<VerifiedView>& views) {
+  return distance_accuracy(views);
+};
 
 struct Decisions {
   int above = 0, below = 0, passed_above = 0, failed_below = 0, open = 0;
