@@ -46,7 +46,7 @@ const char* const kFooter =
     "  kincal diff result other_result                            two calibrations compared\n"
     "  kincal monitor result new_samples.jsonl                    has anything moved since?\n"
     "  kincal plan rig.yaml --next 20 --out postures.jsonl        which postures to record, and "
-    "what they bring\n"
+    "the accuracy they give\n"
     "  kincal verify result new_samples.jsonl --out certificate   is it as accurate as claimed?\n"
     "  kincal fleet results --out fleet                           which robots are unlike the "
     "others, and what drifts\n"

@@ -109,7 +109,7 @@ Command monitor_command(CLI::App& app) {
                     "that do not move; has a camera moved?");
   command
       ->add_option("--state", a->state,
-                   "go on from this file, if it is there, and write to it what was learnt")
+                   "go on from this file, if it is there, and write the state to it at the end")
       ->type_name("FILE");
   command
       ->add_option("--false-alarms", a->every,
@@ -122,7 +122,7 @@ Command monitor_command(CLI::App& app) {
                     "probability, unexplained, sensors, drift}");
   command->add_flag("--quiet", a->quiet, "print the summary only");
   command->footer(
-      "Each sample is compared with what the calibration predicts: noise of sensors and joint "
+      "Each sample is compared with the prediction of the calibration: noise of sensors and joint "
       "readings, and the uncertainty of\n"
       "the calibration itself. A sample that fits as badly as one in a million is an outlier and "
       "left out, until the next one\n"

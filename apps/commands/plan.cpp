@@ -1,4 +1,4 @@
-// `kincal plan`: which postures to record next, and what they will bring.
+// `kincal plan`: which postures to record next, and the accuracy that they will give.
 #include <cstdio>
 #include <iostream>
 
@@ -46,10 +46,10 @@ int plan(const PlanArguments& a) {
 
 Command plan_command(CLI::App& app) {
   auto a = std::make_shared<PlanArguments>();
-  CLI::App* command =
-      app.add_subcommand("plan", "Choose the postures to record next, and predict what they bring");
+  CLI::App* command = app.add_subcommand(
+      "plan", "Choose the postures to record next, and predict the accuracy they give");
   command->add_option("RIG", a->rig, "rig.yaml, or a result directory")->required();
-  command->add_option("SAMPLES", a->samples, "what was recorded already; without, nothing was");
+  command->add_option("SAMPLES", a->samples, "samples recorded already (default: none)");
   command->add_option("--next", a->settings.next, "how many postures")
       ->check(CLI::Range(1, 1000))
       ->type_name("K")
@@ -59,9 +59,9 @@ Command plan_command(CLI::App& app) {
       ->type_name("FILE");
   command
       ->add_option("--goal", a->settings.goal,
-                   "what is to be known: frame/LINK (where it is, over the joints' limits), with a "
-                   "tolerance: 'frame/LINK<0.5mm'; names of parameters; parameters: what the "
-                   "sensors see")
+                   "the goal: frame/LINK (its position, over the joints' limits), with a "
+                   "tolerance: 'frame/LINK<0.5mm'; names of parameters; parameters: where "
+                   "the sensors see their targets")
       ->type_name("GOAL")
       ->capture_default_str();
   command->add_option("--candidates", a->settings.candidates, "so many postures are chosen from")

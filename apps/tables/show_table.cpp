@@ -219,8 +219,8 @@ std::string more_data_line(const Field& result) {
   if (!result.has("more_data")) return "";
   const Field more = result["more_data"];
   std::string out = text(
-      "More data: three times as many such samples would lower the predicted error of what the "
-      "sensors see from %.2g to %.2g mm",
+      "More data: three times as many such samples would reduce the predicted error of the "
+      "targets' positions as the sensors see them from %.2g to %.2g mm",
       1e3 * more["error"].number(), 1e3 * more["thrice"].number());
   if (more["readings"].number() > 0)
     out += text("; one reading of the joints adds %.2g mm", 1e3 * more["readings"].number());

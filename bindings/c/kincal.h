@@ -1,7 +1,7 @@
 /* kincal in C99: robots are calibrated from texts in memory, results are read, evaluated and
  * watched. docs/c.md shows how, by tasks; docs/formats.md has the formats and the options.
  *
- * Handles are opaque. A function that makes one writes it only if it succeeds, and what it made is
+ * Handles are opaque. A function that makes one writes it only if it succeeds, and the handle is
  * freed by the ..._free() of its type, which takes NULL. A call that fails changes nothing: neither
  * what its handles hold nor what it would have written (but for `needed`).
  *
@@ -44,8 +44,8 @@ extern "C" {
 typedef int32_t kincal_status;
 enum {
   KINCAL_OK = 0,
-  KINCAL_INPUT = 1, /* something is wrong in what was given: a text, a name, a number, an option */
-  KINCAL_USAGE = 2, /* the call is wrong: NULL, the size of a struct, an index */
+  KINCAL_INPUT = 1,     /* an argument is wrong: a text, a name, a number, an option */
+  KINCAL_USAGE = 2,     /* the call is wrong: NULL, the size of a struct, an index */
   KINCAL_TOO_SMALL = 3, /* the buffer is; `needed` says how large it has to be */
   KINCAL_NUMERICAL = 4, /* no calibration can start, or its result cannot be written exactly */
   KINCAL_CANCELLED = 5, /* the listener asked for it */
@@ -53,7 +53,7 @@ enum {
   KINCAL_INTERNAL = 7 /* a mistake of kincal */
 };
 
-/* What is wrong, and where, as far as that is known: the name of the text and the line in it, and
+/* The error, and its place as far as that is known: the name of the text and the line in it, and
  * the name of the field ("views[0].ids"), option ("free") or argument. Texts that are longer are
  * cut. */
 typedef struct kincal_error {
@@ -99,7 +99,7 @@ enum {
   KINCAL_SENSORS = 1, /* of the rig, in its order: indices in views */
   KINCAL_TARGETS = 2,
   KINCAL_FRAMES = 3, /* links, sensor/NAME, target/NAME */
-  KINCAL_GROUPS = 4  /* what moves together; of monitors only */
+  KINCAL_GROUPS = 4  /* groups that move together; of monitors only */
 };
 /* The name of a kind and index; NULL beyond the last one, and of other kinds. [shared] */
 KINCAL_API const char* kincal_problem_name(const kincal_problem* problem, int32_t kind,
@@ -201,7 +201,7 @@ typedef struct kincal_compensation {
   const double* planned;     /* in the order of KINCAL_JOINTS; NaN: not known */
   double* readings;          /* becomes the answer; may be `planned` */
   size_t count;              /* of both */
-  double position, rotation; /* become what is left, m and rad */
+  double position, rotation; /* become the remaining errors, m and rad */
   int32_t position_only;     /* not 0: how the tip is turned does not matter */
   int32_t reserved;
 } kincal_compensation;
@@ -367,7 +367,7 @@ typedef struct kincal_counts {
 KINCAL_API kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts* counts,
                                                kincal_error* error);
 
-/* What it has learnt, as bytes; buffers as of kincal_result_file(). [one] */
+/* Its state as bytes; buffers as of kincal_result_file(). [one] */
 KINCAL_API kincal_status kincal_monitor_save(const kincal_monitor* monitor, char* buffer,
                                              size_t size, size_t* needed, kincal_error* error);
 /* Goes on from there. KINCAL_INPUT, and nothing has changed, where the bytes are damaged, of

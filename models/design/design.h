@@ -1,13 +1,13 @@
 // Which postures to record: the choice, of many candidates, that makes the calibration's error at a
 // goal smallest.
 //
-// What is known. The unknowns d of a calibration have the information
+// Information. The unknowns d of a calibration have the information
 //     H = H_0 + sum over samples of R_i' R_i;
 // R_i are the whitened derivatives of a sample after the elimination of its own unknowns (the pose
 // of a free target, errors of the joints' readings): solver/observability.h, reduced_rows(). They
-// need the posture and what it shows, not what is measured there. H_0 are the priors; a component
-// without one is known to its usual error (rig/scales.h), and the samples there are already add
-// theirs.
+// depend on the posture and on which points are seen, not on the measured values. H_0 are the
+// priors; a component without one is known to its usual error (rig/scales.h), and the samples there
+// are already add theirs.
 //
 // Goal. The mean square error of positions over postures is
 //     E |J d|^2 + noise of the readings = tr(W C) + q,   W = mean of J'J,  C = H^-1,
@@ -33,7 +33,7 @@
 
 namespace kincal {
 
-/// A DesignGoal is what is to be known: mean squares are taken over postures.
+/// A DesignGoal is the quantity whose error is minimised: mean squares are taken over postures.
 struct DesignGoal {
   std::string name, unit;
   MatrixXd weight;      // W, by the unknowns: the calibration's mean square error is tr(W C)
@@ -49,7 +49,7 @@ DesignGoal sight_goal(const CalibratedRobot& robot, const std::vector<Sample>& s
 /// Some components, each in yardsticks (rig/scales.h).
 DesignGoal component_goal(const CalibratedRobot& robot, const std::vector<Component>& components);
 
-/// A SampleRows is what a sample says of the unknowns: R by those that it touches.
+/// A SampleRows has the derivatives R of a sample, by the unknowns that it depends on.
 struct SampleRows {
   std::vector<int> columns;
   MatrixXd rows;
@@ -64,7 +64,7 @@ std::vector<SampleRows> sample_rows(const CalibratedRobot& robot, const Estimati
 
 /// Returns H_0: priors, else usual errors.
 MatrixXd known_before(const CalibratedRobot& robot, const EstimationSetup& setup);
-/// Adds what samples say.
+/// Adds the information of samples.
 void add_information(const std::vector<SampleRows>& samples, MatrixXd& information);
 
 struct DesignOptions {

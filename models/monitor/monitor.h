@@ -32,7 +32,7 @@
 
 namespace kincal {
 
-/// A CalibratedState is what a calibration leaves known: values (ParameterTable's layout) and the
+/// A CalibratedState is the result of a calibration: values (ParameterTable's layout) and the
 /// covariance of the components that were estimated; all others are known exactly.
 struct CalibratedState {
   Rig rig;

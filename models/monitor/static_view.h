@@ -1,5 +1,5 @@
-// Does a camera stand still? It watches things that do not move, a board or the background, whose
-// points are found in every picture; what these are and where nobody says.
+// Does a camera stand still? It watches points that do not move, of a board or the
+// background. Their true positions are not needed.
 //
 // Model. Point i is seen at  z_i = m_i + B_i a + e_i, e_i ~ N(0, s_i^2) in both directions. Its
 // place m_i and noise s_i come from the samples themselves: the first ones, of which nothing is
@@ -29,7 +29,7 @@ struct StaticViewOptions {
   int learning = 10;                      // samples that the places are learnt from
 };
 
-/// A ViewMoved is what may have moved, in pixels.
+/// A ViewMoved is a change that may have happened, in pixels.
 struct ViewMoved {
   int point = -1;  // -1: the camera
   double probability = 0;

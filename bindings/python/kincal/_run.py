@@ -69,7 +69,7 @@ def evaluate(rig: RigLike, samples: SamplesLike, *, free: Optional[Names] = None
 
 
 class Simulation(NamedTuple):
-    """Samples of a simulated robot; what it really is, as truth.json; what is not seen."""
+    """Samples of a simulated robot; its true parameters, as truth.json; warnings about sensors that see nothing."""
     samples: Samples
     truth: Any
     warnings: List[str]
@@ -100,7 +100,7 @@ def simulate(rig: RigLike, samples: int, seed: int, *, spread: Optional[Mapping[
 
 
 class Plan(NamedTuple):
-    """Postures to record, as `simulate` takes them, in an order that is short to drive; what they bring, as `kincal plan --json` has it, and in words."""
+    """Postures to record, as `simulate` takes them, in an order that is short to drive; the forecast of their accuracy, as `kincal plan --json` has it, and in words."""
     postures: List[Dict[str, Any]]
     forecast: Dict[str, Any]
     text: str
@@ -111,7 +111,7 @@ class Plan(NamedTuple):
 
 def plan(rig: RigLike, samples: Optional[SamplesLike] = None, *, next: int = 20, goal: str = "parameters", candidates: int = 2000, seed: int = 1,
          postures: Union[Path, Iterable[Mapping[str, Any]], None] = None, clearance: Optional[float] = 0.02, progress: Optional[Listener] = None) -> Plan:
-    """Chooses the postures that help most: as `kincal plan`. `samples` is what was recorded already, `postures` are candidates that are known to be safe, `clearance` (m) is what links keep from each other; None: that is not looked at."""
+    """Chooses the postures that help most: as `kincal plan`. `samples` were recorded already, `postures` are candidates known to be safe, `clearance` (m) is the least distance between links; None: not checked."""
     one = as_rig(rig)
     for name, value, low, high in (("next", next, 1, 1000), ("candidates", candidates, 10, 100_000), ("seed", seed, 0, 1 << 62)):
         if not isinstance(value, int) or not low <= value <= high:
@@ -144,13 +144,13 @@ class Monitor:
             self._monitor = _kincal.Monitor(os.fspath(result), false_alarms)
 
     def add(self, sample: Mapping[str, Any]) -> Dict[str, Any]:
-        """What is said of a sample (docs/on-a-robot.md has the keys). A sample that is wrong is an InputError and changes nothing."""
+        """The answer to a sample (docs/on-a-robot.md has the keys). A sample that is wrong is an InputError and changes nothing."""
         one: Dict[str, Any] = json.loads(self._monitor.show(as_samples([sample]).text, "samples")[0])
         return one
 
     @property
     def moved(self) -> List[List[Dict[str, Any]]]:
-        """What was named, in order: for each the groups that explain it, the likeliest first."""
+        """The changes that were named, in order: for each the groups that explain it, the likeliest first."""
         found: List[List[Dict[str, Any]]] = json.loads(self._monitor.found())
         return found
 
@@ -161,14 +161,14 @@ class Monitor:
         return factors
 
     def recalibrated(self, samples: SamplesLike, groups: Sequence[str] = ()) -> Dict[str, Any]:
-        """Calibrates again by these samples and what the calibration knew, but for what `groups` may have moved by (none: those that were named as moved): {"samples": how many count, "values":
+        """Calibrates again from these samples, with the last calibration as prior; `groups` (default: those named as moved) are free to have moved: {"samples": how many count, "values":
         {name: {"change", "sigma", "unit", "determined"}}}. The monitor stays as it is."""
         stored = as_samples(samples)
         done: Dict[str, Any] = json.loads(self._monitor.recalibrated(stored.text, stored.path, list(groups)))
         return done
 
     def save(self) -> bytes:
-        """What was learnt, as bytes: `load` of a monitor of the same result and `false_alarms` goes on from there."""
+        """The state as bytes: `load` of a monitor of the same result and `false_alarms` goes on from there."""
         state: bytes = self._monitor.save()
         return state
 
@@ -192,7 +192,7 @@ class StaticViews:
         self._views = _kincal.StaticViews(false_alarms, learning)
 
     def add(self, sample: Mapping[str, Any]) -> Dict[str, Any]:
-        """What is said of a sample {"views": [{"sensor": name, "ids": [...], "pixels": n x 2}]}: for each sensor {"learning", "chi2", "dof", "probability", "left_out", "largest", "moved"}."""
+        """The answer to a sample {"views": [{"sensor": name, "ids": [...], "pixels": n x 2}]}: for each sensor {"learning", "chi2", "dof", "probability", "left_out", "largest", "moved"}."""
         one: Dict[str, Any] = json.loads(self._views.show(json.dumps(plain(sample, "sample"), ensure_ascii=False), "sample"))
         return one
 

@@ -22,6 +22,7 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
+#include "../../fixtures/two_joints.h"
 
 using namespace kincal;
 using namespace kincal::fixture;
@@ -30,27 +31,17 @@ using Catch::Matchers::StartsWith;
 
 namespace {
 
-constexpr int kCount = 15, kMarks = 5;
+constexpr int kCount = 15;
 
 /// base -shoulder(z)- upper -elbow(y)- fore with marks; a tracker and a camera on the base look at
 /// them. Two steps.
 Rig arm() {
   Rig rig;
-  add_link(rig, "base");
-  add_joint(rig, JointType::revolute, "shoulder", "base", "upper", {0, 0, 1}, at({0, 0, 0.2}),
-            0.0003);
-  add_joint(rig, JointType::revolute, "elbow", "upper", "fore", {0, 1, 0},
-            at({0.4, 0, 0}, {0.1, 0, 0}), 0.0003);
+  add_two_joints(rig, 0.0003);
   add_joint(rig, JointType::revolute, "idle", "base", "away", {0, 0, 1}, at({0, 0.5, 0}), 0.0003);
   finish_tree(rig.tree);
-  Eigen::Matrix3Xd marks(3, kMarks);
-  marks << 0, 0.1, 0.02, -0.05, 0.03, 0, 0.01, 0.12, 0.04, -0.06, 0, 0.03, -0.02, 0.08, 0.05;
-  add_points(rig, "marks", marks, "fore", at({0.4, 0, 0.05}));
-  add_tracker(rig, "tracker", "base", at({1.5, -0.5, 0.4}, {0.1, 0.2, 2.5}), {2e-4, 2e-4, 2e-4});
-  Pose ahead;  // looks at the arm along -x
-  ahead.rotation << 0, 0, -1, 1, 0, 0, 0, -1, 0;
-  ahead.translation << 1.9, 0, 0.2;
-  add_camera(rig, "eye", "base", ahead);
+  add_marks_and_tracker(rig);
+  add_eye(rig);
   Step camera, all;
   camera.name = "camera";
   camera.sensors = {1};
@@ -166,16 +157,16 @@ TEST_CASE("calibration: plans count what their steps minimise") {
   REQUIRE(none.size() == 2);
   CHECK(none[0].name == "camera");
   CHECK(none[0].samples == kCount);
-  CHECK(none[0].rows == 2 * kMarks * kCount);
+  CHECK(none[0].rows == 2 * kMarksOfArm * kCount);
   CHECK(none[0].unknowns == 6);
-  CHECK(none[1].rows == 5 * kMarks * kCount);
+  CHECK(none[1].rows == 5 * kMarksOfArm * kCount);
   CHECK(none[1].unknowns == 14);
   options.noise = NoiseMode::latent;
   options.last_step = "camera";
   const std::vector<StepPlan> latent =
       Calibration(recording, options).plan();  // with the errors of shoulder and elbow
   REQUIRE(latent.size() == 1);
-  CHECK(latent[0].rows == 2 * kMarks * kCount + 2 * kCount);
+  CHECK(latent[0].rows == 2 * kMarksOfArm * kCount + 2 * kCount);
   CHECK(latent[0].unknowns == 6 + 2 * kCount);
   const Solution solution = calibrate(recording, options);
   CHECK(solution.steps.size() == 1);
@@ -271,7 +262,7 @@ TEST_CASE("calibration: samples are replaced by such as show the same") {
   SECTION("other points") { std::swap(other.views[0].ids.own()[0], other.views[0].ids.own()[1]); }
   SECTION("numbers missing") { other.views[1].z.pop_back(); }
   SECTION("covariances instead of sigmas") {
-    other.views[0].covariance.assign(kMarks, Matrix3d::Identity());
+    other.views[0].covariance.assign(kMarksOfArm, Matrix3d::Identity());
   }
   SECTION("sigmas of some readings only") { other.noise = {1}; }
   SECTION("held out") { other.train = false; }

@@ -21,6 +21,7 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
+#include "../../fixtures/two_joints.h"
 
 using namespace kincal;
 using namespace kincal::fixture;
@@ -63,19 +64,12 @@ Choices random_problem(unsigned long seed, int count) {
   return out;
 }
 
-/// An arm of two joints; a tracker in the room sees marks on it, a camera on it sees a board.
+/// A tracker that sees marks on an arm.
 Rig arm() {
   Rig rig;
-  add_link(rig, "base");
-  add_joint(rig, JointType::revolute, "shoulder", "base", "upper", {0, 0, 1}, at({0, 0, 0.2}),
-            0.0005);
-  add_joint(rig, JointType::revolute, "elbow", "upper", "fore", {0, 1, 0},
-            at({0.4, 0, 0}, {0.1, 0, 0}), 0.0005);
+  add_two_joints(rig, 0.0005);
   finish_tree(rig.tree);
-  Eigen::Matrix3Xd marks(3, 4);
-  marks << 0, 0.1, 0.02, -0.05, 0, 0.01, 0.12, 0.04, 0, 0.03, -0.02, 0.08;
-  add_points(rig, "marks", marks, "fore", at({0.4, 0, 0.05}));
-  add_tracker(rig, "tracker", "base", at({1.5, -0.5, 0.4}, {0.1, 0.2, 2.5}), {2e-4, 2e-4, 2e-4});
+  add_marks_and_tracker(rig);
   Step all;
   all.name = "all";
   all.sensors = {0};
