@@ -57,8 +57,9 @@ std::string assumption_text(const std::vector<AutomaticGroup>& groups) {
   std::string list;
   for (size_t i = 0; i < names.size() && i < kMost; ++i) list += (i ? ", " : "") + names[i];
   if (names.size() > kMost) list += ", and " + std::to_string(names.size() - kMost) + " more";
-  return "  numbers that the data do not tell (" + list +
-         ") count with the width of their group, learned from its other members: an assumption\n";
+  return "  parameters that the data do not determine (" + list +
+         ") count with the prior width of their group, learned from its other members: an "
+         "assumption\n";
 }
 
 }  // namespace
@@ -106,8 +107,9 @@ std::string validation_table(const Report& report) {
     size_t rejected = 0;
     for (const CrossValidation::Fold& fold : c.folds) rejected += fold.rejected.size();
     if (c.reject)
-      out += text("  judged with its outliers; from the training of the folds %zu were taken out\n",
-                  rejected);
+      out +=
+          text("  tested with outliers included; %zu were removed from the training of the folds\n",
+               rejected);
     for (size_t f = 0; f < c.folds.size(); ++f) {
       const CrossValidation::Fold& fold = c.folds[f];
       const char* wrong =
@@ -151,7 +153,8 @@ std::string validation_table(const Report& report) {
       std::string held;
       for (const std::string& n : f.held) held += (held.empty() ? "" : ", ") + n;
       if (!held.empty())
-        out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
+        out +=
+            "  " + f.frame + ": taken as exact, because the last step fixes them: " + held + "\n";
     }
     out += assumption_text(report.automatic);
   }

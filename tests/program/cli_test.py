@@ -472,7 +472,7 @@ class WrongRig(Case):
         self.write("rig.yaml", text)
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: the automatic path (automatic_test.py)
         self.assertEqual(run.code, 0, run.err)
-        self.assertIn("everything below is free", run.out)
+        self.assertIn("everything below is estimated", run.out)
         for option in ("--free", "--fix"):  # as the real run
             run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", option, "sensor/trackr/pose")
             self.fails(run, option, ("sensor/trackr/pose", "matches no parameter"), ("sensor/tracker/pose",))
@@ -649,7 +649,7 @@ class WrongKinds(Case):
             self.other(command, name, *words)
         self.assertEqual(self.calibrate().code, 0)
         self.extra = {"out"}
-        self.other("apply robot.urdf NAME --out x", "out", "a directory, no URDF", "the result comes first")
+        self.other("apply robot.urdf NAME --out x", "out", "a directory, not a URDF", "the result is the first argument")
         self.other("evaluate rig.yaml NAME", "out/result.json", "a result.json, no samples")
 
     def test_samples_written_otherwise(self):

@@ -430,7 +430,7 @@ class Import(Case):
         self.write("rig.yaml", RIG.replace("sensors:\n", "sensors: {one: {type: camera, link: optical, model: pinhole, intrinsics: [1, 1, 0, 0], sigma: 1}}\n#")
                    .split("#  # the first")[0])
         run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--out", "new.yaml", "--force")
-        self.assertIn("comments could not be kept", run.stderr)
+        self.assertIn("its comments are lost", run.stderr)
         self.same_camera(self.sensor("new.yaml", "one"), yaml.safe_load(RIG)["sensors"]["right"])
 
     def test_another_folder(self):

@@ -94,7 +94,7 @@ class Fleet(helpers.Folder):
         self.assertEqual(worst["family"]["numbers"][0]["number"], "joint/bend/offset")
         self.assertAlmostEqual(worst["family"]["numbers"][0]["off"], BEND, delta=0.005)
         self.assertIn("1 of 10 robots", out)
-        self.assertIn("Nothing is said of drift", out)
+        self.assertIn("No check of drift", out)
         rows = self.rows("out", "robots.csv")
         self.assertEqual([r["serial"] for r in rows], [r["serial"] for r in found["robots"]])
         self.assertEqual([r["out_of_family"] for r in rows], ["yes"] + 9 * ["no"])

@@ -142,7 +142,7 @@ class Planted(Case):
             samples = self.samples("all.jsonl", seed, 60, 30, 0.2, 0)
             result = self.calibrated("result", samples)
             said, _ = self.run_it("local", result, samples, "--near", NEAR, "--out", self.path("local.yaml"), "--force")
-            self.assertIn("No gain: the global calibration is as good here", said)
+            self.assertIn("No gain: the global calibration is equally good here", said)
             text = read(self.path("local.yaml"))
             self.assertTrue(text.startswith("# No local offsets: the global calibration is as good here"), text[:200])
             self.assertIn("gain: false", text)

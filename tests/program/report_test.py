@@ -240,7 +240,7 @@ class Command(Case):
     def test_wrong(self):
         self.calibrated()
         self.assertRegex(self.kincal("report", "nowhere", code=1), "nowhere/result.json: cannot be read")
-        self.assertRegex(self.kincal("report", "out", "out", code=1), "--out FILE is required")
+        self.assertRegex(self.kincal("report", "out", "out", code=1), "need --out FILE")
         with open(self.path("out", "result.json"), "w") as f:
             f.write("[1, 2")
         self.assertRegex(self.kincal("report", "out", code=1), "result.json: this is no result.json of kincal")

@@ -110,7 +110,7 @@ class Noise(Case):
         used = {(level["of"], level["part"]): level["used"] for level in result["noise_levels"]}
         for level in again["noise_levels"]:
             self.assertAlmostEqual(level["assumed"] / used[level["of"], level["part"]], 1, places=9)
-        self.assertNotIn("Noise that is seen", text)
+        self.assertNotIn("Noise estimated from the data beside", text)
         self.assertAlmostEqual(again["chi2"] / again["dof"], 1, delta=0.02)
 
     def test_noise_of_joints_taken_by_a_camera(self):
@@ -138,7 +138,7 @@ class Noise(Case):
         self.assertEqual(p.returncode, 1)
         self.assertIn("latent and none only", p.stderr)
         result, text = self.calibrate(rig, samples)
-        self.assertNotIn("Noise that is seen", text)  # these data have the rig's sigmas
+        self.assertNotIn("Noise estimated from the data beside", text)  # these data have the rig's sigmas
         seen = {level["of"]: level for level in result["noise_levels"]}
         self.assertAlmostEqual(seen["sensor/wide_left"]["seen"], 0.125, delta=0.005)
         result, _ = self.calibrate(rig, samples, "--noise", "marginal")

@@ -253,7 +253,7 @@ class Verify(Case):
             self.assertNotIn(words, page)
         before = page
         self.assertIn("exists", run("verify", self.result, self.samples, "--out", out, code=1))
-        self.assertIn("holds a result", run("verify", self.result, self.samples, "--out", self.result, "--force", code=1))
+        self.assertIn("has a calibration result", run("verify", self.result, self.samples, "--out", self.result, "--force", code=1))
         self.assertEqual(text_of(os.path.join(out, "certificate.html")), before)
         run("verify", self.result, self.samples, "--out", out, "--force", "--quiet")
         self.assertNotEqual(text_of(os.path.join(out, "certificate.html")), before)
