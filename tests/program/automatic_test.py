@@ -398,7 +398,7 @@ sensors:
         self.assertEqual(result["verdict"]["use"], "doubts")
         told = [w["text"] for w in result["warnings"] if w["id"] == "gears"]
         self.assertEqual(len(told), 1)
-        self.assertIn("have them estimated (--group gears)", told[0])
+        self.assertIn("estimate them (--group gears)", told[0])
         self.assertNotIn("gears", [w["id"] for w in self.estimated(gears, options=("--group", "gears"))["warnings"]])
         self.assertNotIn("gears", [w["id"] for w in self.estimated(self.OFFSETS)["warnings"]])
 

@@ -346,7 +346,7 @@ class Words(Case):
             self.assertIn("mount board on the link that carries it (the base, if nothing moves), or let a second sensor see it", text)
         self.assertIn("Mount 'board' (`mount: {link: NAME}`) on the link that carries it", self.kincal("check", "out.yaml", "sim/samples.jsonl"))
         text = self.kincal("calibrate", "out.yaml", "sim/samples.jsonl", "--out", "no", "--no-group", "*", "--fix", "sensor/*/pose", code=1)
-        self.assertIn("nothing can be estimated: all that could be wrong is held on demand", text)
+        self.assertIn("nothing can be estimated: everything that may be wrong is fixed by options", text)
         # A tracker on the base's own body, whose mount is a joint that nothing depends on.
         tracker = re.sub("cam: .*", "cam: {type: point, link: optical, mount: joint/camera_joint, sigma: 0.001}", free).replace("base: base", "base: camera_link")
         self.write("mounted.yaml", tracker.replace("mount: free", "mount: {link: wall%s}" % BOARD))

@@ -1078,9 +1078,9 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   for (Sample& sample : samples) sample.views[0].target = target_index(rig, "board");
   const Solution solution = solution_of(rig, samples);
   CHECK(solution.status == Status::undefined_start);
-  CHECK_THAT(
-      solution.message,
-      Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
+  CHECK_THAT(solution.message,
+             Catch::Matchers::Contains(
+                 "target 'board': what sees it (height) does not determine its pose"));
 }
 
 TEST_CASE(

@@ -223,9 +223,9 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   CHECK(verdict.use == "doubts");
   CHECK(verdict.about == std::vector<NoticeKind>{NoticeKind::width});
   CHECK(verdict.why == "parameters of group 'offsets' are off by 17 times as much as usual");
-  CHECK(verdict.reasons == Names{"they may take up a mistake in the rig or the data"});
+  CHECK(verdict.reasons == Names{"they may absorb a mistake in the rig or the data"});
   REQUIRE(verdict.next.size() == 2);
-  CHECK_THAT(verdict.next[0], StartsWith("compare what the rig says of these parameters"));
+  CHECK_THAT(verdict.next[0], StartsWith("compare the rig's values of these parameters"));
   CHECK(verdict.see == std::vector<NoticeKind>{NoticeKind::duplicates});
 
   report.diagnosis->findings[0].severity = Severity::doubt;  // much of the data
