@@ -136,35 +136,34 @@ void check_joints(const RigFile& rig_file, const RecordedStreams& streams, Topic
   for (const auto& [topic, rate] : slow) {
     char text[160];
     std::snprintf(text, sizeof text,
-                  ": %.2g readings a second are too few to tell when joints rest: record 50 or "
-                  "more, or rests may contain motion",
+                  ": %.2g readings per second are too few to detect rests of the joints: record 50 "
+                  "or more, or rests may contain motion",
                   rate);
     out.notes.push_back(topic + text);
   }
   for (const auto& [topic, joints] : not_taken)
     out.notes.push_back(
-        "what stands on joints " + comma_separated(joints) + " gives no samples: only " + topic +
-        " has them, which " +
+        "views that depend on joints " + comma_separated(joints) + " give no samples: only " +
+        topic + " has them, which " +
         (given_joint_topics(rig_file).empty()
-             ? "is taken for what they should do, by its name. If it is what they did, write "
-               "`topic: " +
+             ? "has commands, judging by its name. If it has measured positions, write `topic: " +
                    topic + "` into the rig's joints; else record their joint states"
              : "the rig's joints.topic does not name"));
   if (missing.empty()) return;
   const std::string recorded = "the recording has";
   if (there.empty())
     out.notes.push_back("no topic has joint states: the readings of " + comma_separated(missing) +
-                        " are missing, and what stands on these joints gives no samples");
+                        " are missing, and views that depend on these joints give no samples");
   else if (missing.size() <= kMostJoints)
     for (const std::string& name : missing)
       out.notes.push_back("joint '" + name +
-                          "' is on no topic, what stands on it gives no samples" +
+                          "' is on no topic: views that depend on it give no samples" +
                           nearest_or_all(name, there, recorded));
   else
-    out.notes.push_back("joints " + comma_separated(missing) +
-                        " are on no topic, what stands on them gives no samples; the recording "
-                        "has joints " +
-                        comma_separated(there));
+    out.notes.push_back(
+        "joints " + comma_separated(missing) +
+        " are on no topic: views that depend on them give no samples; the recording has joints " +
+        comma_separated(there));
 }
 
 void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& out) {
@@ -202,7 +201,7 @@ void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& o
       if (!why.empty())
         throw InputError(rig.path + ": joints: " + why + ": write `topic: " + taken.topic +
                          "` or `topic: " + other.topic +
-                         "` into `joints` of the rig, whichever has what the joints did");
+                         "` into `joints` of the rig, whichever has the measured positions");
       others[taken.topic].push_back(other.topic);
     }
   }

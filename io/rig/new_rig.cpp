@@ -79,7 +79,7 @@ void give_names(std::vector<T>& things, const char* option, const F& base) {
   std::set<std::string> taken;
   for (const T& t : things)
     if (!t.name.empty() && !taken.insert(t.name).second)
-      throw InputError(std::string(option) + ": the name '" + t.name + "' stands twice");
+      throw InputError(std::string(option) + ": the name '" + t.name + "' occurs twice");
   for (T& t : things) {
     if (!t.name.empty()) continue;
     const std::string plain = base(t);
@@ -124,7 +124,7 @@ std::string target_text(const NewTarget& t) {
   if (t.link.empty())
     return out + "    mount: free                  # its own pose in every sample\n";
   return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose +
-         "   # link_T_target; left away: found from the data\n";
+         "   # link_T_target; if omitted: found from the data\n";
 }
 
 /// Whether a text is a dictionary of markers or a family of tags, as OpenCV calls them.
@@ -479,8 +479,8 @@ std::string new_rig_text(const Urdf& urdf, NewRig rig) {
   std::string out = head_text(tree, rig.robot) + "\ntargets:\n";
   for (const NewTarget& t : rig.targets) out += target_text(t);
   out +=
-      "\n# Poses are link_T_sensor. One that is left away is found from the data where a step "
-      "frees it wholly, else it is the identity.\n"
+      "\n# Poses are link_T_sensor. An omitted pose is found from the data if a step estimates all "
+      "of it, else it is the identity.\n"
       "sensors:\n";
   size_t camera = 0;
   for (const NewSensor& s : rig.sensors) {

@@ -1737,7 +1737,7 @@ class Simulate(Case):
         self.assertEqual(self.simulate("sim", "--spread", "*/pose=0.01").code, 0)
         run = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
         self.assertEqual(run.code, 0, run.err)
-        self.assertIn("sensor/tracker/pose is absent from the rig", run.err)
+        self.assertIn("sensor/tracker/pose is missing in the rig", run.err)
         self.write("rig.yaml", RIG)
         given = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
         self.assertLess(strict_json(run.out)["chi2"], strict_json(given.out)["chi2"])  # an estimate is no worse than where it is given

@@ -333,11 +333,11 @@ class Detect(Case):
 
     def test_a_board_that_is_not_flat(self):
         self.detect("rig.yaml", "images", "--out", "out.jsonl")
-        self.assertNotIn("the board is bent", self.out)
+        self.assertNotIn("the board is warped", self.out)
         for name, where in self.truth.items():
             self.write("images/%s.pgm" % name, pgm(picture(*where, wave=1.5)))
         self.detect("rig.yaml", "images", "--out", "bent.jsonl")
-        self.assertRegex(self.out, r"target 'board': its points are [0-9.]+ px off a plane seen through a lens .*: the board is bent, or the lens strong")
+        self.assertRegex(self.out, r"target 'board': its points deviate by [0-9.]+ px from a plane seen through a lens .*: the board is warped, or the lens distorts strongly")
 
     def test_poses_of_a_flange(self):
         self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: {base: base, flange: tip}").encode())

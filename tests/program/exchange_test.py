@@ -871,7 +871,7 @@ class Poses(Case):
                 ("0,0,0,1,zero,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'zero'")),
                 ("0,0,0,1,nan,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'nan'")),
                 ("0,1;0,2;0,3;0,5;0,5;1,0,5\n", ["--pose-format", "rotvec"], ("p.csv:1: rz", "'1,0,5'", "write a point")),
-                ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "another order")),
+                ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "a different order")),
                 ("x,y\n", ["--pose-format", "eulr"], ("--pose-format", "kuka", "fanuc")),
                 ("", ["--pose-format", "rpy"], ("the file is empty",)),
                 ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--unit", "inch"], ("--unit", "mm")),

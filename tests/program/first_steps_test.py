@@ -234,7 +234,7 @@ class Mount(Case):
                           (BY_JOINT.replace("camera_joint", "j6"), "is no fixed joint that link 'optical' hangs on"),
                           (BY_JOINT.replace("link: optical", "link: j6_link"), "valid: none, for joint 'j6' above it is not fixed"),
                           (BY_JOINT.replace("link: optical", "link: base"), "valid: none: the link is the robot's root"),
-                          ((RIG % ("", ", mount_joint: joint/wall_joint", "")).replace("mount: {link: wall}", "mount: free"), "a free target hangs on no joint")):
+                          ((RIG % ("", ", mount_joint: joint/wall_joint", "")).replace("mount: {link: wall}", "mount: free"), "a free target is not on a joint")):
             self.write("wrong.yaml", rig)
             self.assertIn(part, self.kincal("check", "wrong.yaml", "sim/samples.jsonl", code=1))
 

@@ -243,7 +243,7 @@ sensors:
     def test_wrong_input(self):
         os.mkdir(self.path("empty"))
         for args, words in (
-                (["nowhere"], "nowhere: is no directory"),
+                (["nowhere"], "nowhere: is not a directory"),
                 (["empty"], "empty: there is no result directory in it"),
                 ([self.result("results"), "--anew", "joint/bent/*"], "--anew: 'joint/bent/*' matches no number"),
                 ([self.result("results"), "--level", "2"], "--level")):
@@ -253,7 +253,7 @@ sensors:
         shutil.copytree(self.result("results", "r0"), self.path("r0"))
         self.write("r0/result.json", self.read("r0", "result.json").replace('"time": "2026-03-01"', '"time": "in March"'))
         _, err = self.kincal("fleet", "r0", "--out", "out", code=1)
-        self.assertIn("r0/result.json: time: 'in March' is no date as 2026-03-01", err)
+        self.assertIn("r0/result.json: time: 'in March' is not a date like 2026-03-01", err)
         shutil.copytree(self.result("results", "r1"), self.path("r1"))
         lines = self.read("r1", "information.csv").split("\n")
         self.write("r1/information.csv", "\n".join(lines[:3] + [lines[3].replace(",", ",x", 1)] + lines[4:]))

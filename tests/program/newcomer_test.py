@@ -363,7 +363,7 @@ class Words(Case):
         self.write("open.yaml", CAMERA)
         result, text = self.calibrate(samples, "--group", "centres", "--group", "offsets", rig="open.yaml")
         held, = self.warnings(result, "no_effect")
-        self.assertIn("--group 'centres' was asked for, yet its numbers stay as the rig has them", held)
+        self.assertIn("--group 'centres' was requested, but its parameters keep their nominal values", held)
         self.assertIn("free each by name (--free), as sensor/cam/intrinsics.cx", held)
         self.assertIn("; --group 'offsets' changes nothing: it is among those tried anyway", held)
         # what is freed by name is estimated, and nothing says that it is held

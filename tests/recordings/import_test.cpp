@@ -244,7 +244,7 @@ TEST_CASE("import: joints that are missing, by name") {
   urdf.replace(urdf.find("'b'"), 3, "'arm_b'");
   rig.replace(rig.find("b: {s"), 1, "arm_b");
   const std::string notes = notes_of(urdf, rig);
-  CHECK(notes.find("joint 'arm_b' is on no topic, what stands on it gives no samples; the "
+  CHECK(notes.find("joint 'arm_b' is on no topic: views that depend on it give no samples; the "
                    "recording has: a, b") != std::string::npos);
   CHECK(notes.find("joint 'arm_b' has no readings when targets are seen") != std::string::npos);
 
@@ -399,10 +399,11 @@ TEST_CASE("import: joints that only a command has") {
                      joint_state_message(Wire::ros1, at(0.01 * i), {"a", "b"}, {0.1, 0.2}));
   const TopicMap topics = find_topics(place.rig(kMocap, kRobot), place.streams());
   REQUIRE(topics.notes.size() >= 1);
-  CHECK_THAT(topics.notes[0],
-             Catch::StartsWith("what stands on joints a, b gives no samples: only /arm/command has "
-                               "them") &&
-                 Catch::Contains("write `topic: /arm/command`"));
+  CHECK_THAT(
+      topics.notes[0],
+      Catch::StartsWith("views that depend on joints a, b give no samples: only /arm/command has "
+                        "them") &&
+          Catch::Contains("write `topic: /arm/command`"));
 }
 
 TEST_CASE("import: topics that contradict each other are refused") {

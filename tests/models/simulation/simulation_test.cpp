@@ -709,7 +709,7 @@ TEST_CASE("truth files", "[simulation]") {
   CHECK_THAT(error("\"sensor/left_arm/pose.x\": {\"true\": 1, \"sigma\": 1}"),
              Contains("unknown key 'sigma'"));
   CHECK_THAT(error("\"sensor/left_arm/pose\": [1, 2, 3, 4, 5, 6], \"sensor/left_arm/pose.rz\": 1"),
-             Contains("stands twice"));
+             Contains("occurs twice"));
   CHECK_THAT(error("\"joint/head_pan_joint/scale\": 0"),
              Contains("t.json:3: ") && Contains("a scale is not 0"));
   CHECK_THAT(error("\"target/small_board/square\": -1"), Contains("greater than 0"));
