@@ -275,7 +275,7 @@ int import_all(const BagArguments& a) {
   if (found.samples.empty())
     throw InputError(a.bags[0] + ": no samples: " + found.diagnosis +
                      "; nothing is written (kincal import " + a.bags[0] + " --list --rig " + a.rig +
-                     " shows what is taken for what)");
+                     " shows the assignment of topics)");
   return write_samples(a, rig.rig, found.samples, found.images);
 }
 

@@ -26,7 +26,7 @@ std::string where_text(const Report& report, const ResultFiles& files,
                        const CalibrateArguments& a) {
   std::string out = "Written to " + a.out;
   if (report.verdict.use != "no")
-    out += files.robot_urdf.empty() ? ": rig.yaml has what was found"
+    out += files.robot_urdf.empty() ? ": rig.yaml has the calibrated values"
            : files.unbent_urdf.empty()
                ? ": robot.urdf is the calibrated robot, rig.yaml the rig "
                  "that goes with it"

@@ -10,8 +10,7 @@ std::string unfinished_text(const std::vector<Unfinished>& all, bool held_out_on
   std::string out;
   for (const Unfinished& u : all) {
     if (held_out_only && u.train) continue;
-    out += "  not converged: " + u.column +
-           (u.train ? " of training, " : " of what is held out, ") +
+    out += "  not converged: " + u.column + (u.train ? " of training, " : " of held-out data, ") +
            text("in %zu sample%s, first '", u.samples.size(), u.samples.size() == 1 ? "" : "s") +
            u.samples.front() + "'\n";
   }

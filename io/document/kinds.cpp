@@ -57,10 +57,10 @@ std::optional<Likeness> no_text(std::string_view text) {
        "write its measurements as samples.jsonl, one JSON object per line"},
       {"\x89PNG"sv, "this is an image (PNG)", kImages},
       {"\xFF\xD8\xFF"sv, "this is an image (JPEG)", kImages},
-      {"#ROSBAG"sv, "this is a ROS bag", "write what was measured in it as samples.jsonl"},
+      {"#ROSBAG"sv, "this is a ROS bag", "write its measurements as samples.jsonl"},
       {"SQLite format 3"sv, "this is a database (of a ROS 2 bag?)",
-       "write what was measured in it as samples.jsonl"},
-      {"\x89MCAP"sv, "this is a bag (MCAP)", "write what was measured in it as samples.jsonl"},
+       "write its measurements as samples.jsonl"},
+      {"\x89MCAP"sv, "this is a bag (MCAP)", "write its measurements as samples.jsonl"},
       {"\xFF\xFE"sv, "this is a text in UTF-16", "save it as UTF-8"},
       {"\xFE\xFF"sv, "this is a text in UTF-16", "save it as UTF-8"},
   };

@@ -122,7 +122,8 @@ std::string reading_guess(const Table& table, const std::string& file) {
          ".\nWith images of a board, one for each row:\n  kincal detect RIG IMAGES --joints " +
          file + angles +
          " --out samples.jsonl\n"
-         "With what was measured in columns of its own (x, y, z; or a pose):\n  kincal import " +
+         "With measurements in separate columns (x, y, z; or a pose):\n"
+         "  kincal import " +
          file + " --rig RIG --sensor NAME --target NAME" + angles +
          " --out samples.jsonl\n"
          "A column that is called differently than the rig's joint: --map COLUMN=JOINT\n";

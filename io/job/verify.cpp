@@ -261,7 +261,7 @@ MeasuredPoint measured_point(const CalibratedFiles& files, const InstrumentViews
   if (body_of(rig.tree, frame.link) != body_of(rig.tree, target.link))
     throw InputError(where + ": '" + tolerance->name +
                      "' is not on the body that carries target '" + target.name +
-                     "', which is what was measured");
+                     "', which was measured");
   const std::vector<double> readings = completed(Readings(rig.tree.joints.size(), kNan));
   const Configuration at(rig, files.table, files.values, readings);
   Pose link_T_frame = at.a_T_b(target.link, frame.link);

@@ -216,10 +216,10 @@ struct CameraFinder {
         taken[c] = 1;
         out.infos[sensor] = cameras[c].info;
         if (cameras[c].space == topic) {
-          take(sensor, c, "as the rig says");
+          take(sensor, c, "as in the rig");
         } else {
           out.images[sensor] = i;
-          say(sensor, "as the rig says");
+          say(sensor, "as in the rig");
         }
         return;
       }

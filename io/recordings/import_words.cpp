@@ -97,7 +97,7 @@ TextLines moving_lines(const Rig& rig, const std::vector<SeenTarget>& seen) {
                          ? text("%s is never still while the joints are: motion %.2g px at least",
                                 sensor, one.least)
                          : text("%s: not still in %d of %d rests", sensor, one.moving, one.rests)) +
-                    text(" (of '%s'; %.2g px are taken for rest)",
+                    text(" (of '%s'; up to %.2g px count as rest)",
                          rig.targets[one.target].name.c_str(), one.allowed));
   }
   return lines;

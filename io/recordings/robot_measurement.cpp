@@ -125,7 +125,7 @@ struct MeasurementReader {
     if (std::all_of(view.z.begin(), view.z.end(), [](double z) { return std::isfinite(z); }))
       return;
     notes.insert("sample '" + sample.id + "': '" + rig.rig.sensors[view.sensor].name +
-                 "' has numbers that are not finite: left out");
+                 "' has values that are not finite: left out");
     sample.views.pop_back();
   }
 

@@ -450,7 +450,7 @@ RecordedStreams read_streams(const std::vector<std::string>& bags, const Progres
   }
   for (const auto& [topic, count] : unreadable)
     reader.out.losses.push_back(std::to_string(count) + " messages of " + topic +
-                                ", of which the first: " + why[topic]);
+                                "; the first: " + why[topic]);
   say_what_is_left_out(reader);
   say_what_was_set_back(reader);
   put_on_one_clock(reader);

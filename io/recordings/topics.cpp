@@ -252,7 +252,7 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
           (given.empty() || std::count(given.begin(), given.end(), s.topic)))
         candidates.push_back(static_cast<int>(i));
     }
-    std::string why = "as the rig says";
+    std::string why = "as in the rig";
     if (given.empty()) {
       const std::string& parent = written.links[static_cast<size_t>(written.joints[j].parent)];
       source = frames_source(streams, parent, child);
@@ -339,7 +339,7 @@ void find_pose_sensors(const RigFile& rig, const RecordedStreams& streams, Topic
     out.pose_targets[s] = target;
     out.lines.push_back("sensor " + sensors[s].name + ": " + p.topic + " of target " +
                         rig.rig.targets[static_cast<size_t>(target)].name + " (" +
-                        (!given.empty() ? "as the rig says"
+                        (!given.empty() ? "as in the rig"
                          : by_name      ? "guessed by its name"
                                         : "guessed: the only poses") +
                         ")");
@@ -367,7 +367,7 @@ void find_scans(const RigFile& rig, const RecordedStreams& streams, TopicMap& ou
       out.scans[s] = candidates[0];
       out.lines.push_back("sensor " + sensors[s].name + ": " +
                           streams.scans[static_cast<size_t>(candidates[0])].topic + " (" +
-                          (given.empty() ? "guessed" : "as the rig says") + ")");
+                          (given.empty() ? "guessed" : "as in the rig") + ")");
     } else if (candidates.size() > 1 || !given.empty()) {
       out.notes.push_back("sensor '" + sensors[s].name +
                           "': which scans are its is not clear: write `topic: ...` into its entry "

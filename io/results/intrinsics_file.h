@@ -29,9 +29,8 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
 /// `kincal intrinsics` wrote it beside the rig, has their hash. What cannot be read says no.
 bool lenses_are_from(const std::string& rig_path, const std::string& samples_hash);
 
-/// Takes what such a rig says of how well its lenses and bent boards are known (the priors that
-/// intrinsics_files() writes) back to next to nothing: the samples say it again, and would count
-/// twice.
+/// Widens the priors on lenses and warps that intrinsics_files() wrote into the rig until they have
+/// almost no weight: the same samples determine these parameters again, and would count twice.
 void forget_lenses(Rig& rig);
 
 }  // namespace kincal

@@ -32,9 +32,9 @@ struct CalibratedFiles {
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };
-/// Reads a calibration. `rigid`: for software in which joints cannot bend and have no error curves;
-/// where the result's do, that is the best robot without them (rig_rigid.yaml), of which neither
-/// sigmas nor covariance are known. @throws InputError
+/// Reads a calibration. `rigid`: for software in which joints cannot bend and have no error curves.
+/// If the result has them, this is the best robot without them (rig_rigid.yaml), without sigmas and
+/// covariance. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path, bool rigid = false);
 
 /// Reads one from the texts of a result: rig.yaml, result.json, the robot (robot_unbent.urdf if

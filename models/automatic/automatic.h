@@ -24,7 +24,7 @@ namespace kincal {
 /// changed.
 std::vector<NominalValue> nominal_values(const Solution& solution);
 
-/// Returns in words why a number was held, and how well it is known.
+/// Returns in words why a component was fixed, and its uncertainty.
 std::string held_text(const AutomaticNumber& number);
 
 /// Returns the rig's steps at the starting widths: what runs before anything is learned.

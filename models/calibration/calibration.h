@@ -63,11 +63,11 @@ class Calibration {
   /// Returns what the first solve() will do, with counts.
   std::vector<StepPlan> plan() const;
 
-  /// The first call runs all steps. Later ones run the last step again from the last values, for
-  /// other numbers in the same samples: they allocate nothing (where the solver does not:
-  /// solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and values;
-  /// what is computed from these (estimates, covariance, unobservable directions, dof_data) is left
-  /// empty, and made when last() is asked for. The reference holds until the next call.
+  /// The first call runs all steps. Later calls run only the last step again, from the last values,
+  /// for other measured values in the same samples. They allocate nothing (if the solver does not:
+  /// solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and values.
+  /// Quantities computed from these (estimates, covariance, unobservable directions, dof_data) stay
+  /// empty until last() computes them. The reference is valid until the next call.
   const Solution& solve();
   /// Returns the solution of the last solve(), complete: estimates and covariance are those of its
   /// values.

@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// A StepSelection is what a caller asks of the steps besides what the rig says.
+/// A StepSelection is a caller's change to the steps of the rig.
 struct StepSelection {
   std::string last_step;  // all steps up to this one run; empty: all
   std::vector<std::string> free,

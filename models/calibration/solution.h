@@ -81,16 +81,16 @@ struct LastProblem {
   std::vector<MatrixXd> kept_rows;  // as observe() gives them
 };
 
-/// A Prediction is what errors of the calibration are predicted from where that is more than the
-/// last step's covariance: the second moment of numbers that it held, too (automatic/automatic.h).
+/// A Prediction is the basis of predicted errors where the last step's covariance is not
+/// sufficient: it includes the second moment of fixed components (automatic/automatic.h).
 struct Prediction {
   std::vector<Component> columns;
   MatrixXd covariance;
 };
 
-/// DataEquations are what the data alone, without the priors of shared unknowns, say of them at a
-/// solution: N d = pull for an increment d of its values. N is their information; directions that
-/// the data leave open are its null space.
+/// DataEquations contain the information of the data alone, without the priors of shared unknowns,
+/// at a solution: N d = pull for an increment d of its values. N is the information matrix; its
+/// null space are the directions that the data do not determine.
 struct DataEquations {
   std::vector<Component> columns;
   MatrixXd normal;

@@ -331,7 +331,7 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
            : any_finding  ? ": the fit itself needs no explanation."
                           : ": nothing to explain.";
   } else if (good(now)) {
-    out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
+    out += ": the findings explain it" + text(" (%.3g without).", now.per_dof());
   } else {
     out += outcomes.still_joint ? ": a joint that moved without its readings explains it."
            : outcomes.changed

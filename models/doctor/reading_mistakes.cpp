@@ -339,11 +339,11 @@ void add_gears(const Rig& rig, const ParameterTable& table, const ObservationInd
     h.told = [given = rig.joints[j].scale, joint = h.where[0].name, name = h.free[0],
               lengths](const std::vector<double>& found) {
       const double times = found[0] / given;
-      const std::string mistake = "joint " + quoted(joint) +
-                                  text(
-                                      " moves %.5g times as far as its readings: its gear ratio or "
-                                      "encoder count is wrong by %.2g %%",
-                                      times, 100 * std::abs(times - 1));
+      const std::string mistake =
+          "joint " + quoted(joint) +
+          text(
+              " moves %.5g times its readings: its gear ratio or encoder count is wrong by %.2g %%",
+              times, 100 * std::abs(times - 1));
       const bool is_gear = times > 0.3 && times < 3 &&
                            std::abs(times - 1) > scales(ParameterKind::joint_scale, "").least;
       return std::pair(

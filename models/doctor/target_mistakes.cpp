@@ -225,7 +225,7 @@ void add_boards(const Rig& rig, const ObservationIndex& observations,
       Subjects where = {Subject::sensor(rig.sensors[s.first].name)};
       for (const auto& p : places) where.push_back(Subject::target(rig.targets[p.first].name));
       add(r, where,
-          "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees",
+          "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of its targets",
           places, s.first);
       if (places.size() > 1 &&
           &r == &relabelings

@@ -173,7 +173,7 @@ std::vector<std::string> tested_mistakes();
 bool can_spoil_the_fit(NoticeKind kind);
 /// Returns whether this can be a number of rig or samples that nobody can mean.
 bool can_be_wrong_number(NoticeKind kind);
-/// Returns whether the weak directions of a result say more than this warning.
+/// Returns whether the weak directions of a result describe more than this warning.
 bool is_of_directions(NoticeKind kind);
 /// Returns whether the first, about the same thing, says why there is the second, which need not be
 /// said then.

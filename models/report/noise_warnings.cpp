@@ -366,7 +366,7 @@ void warn_of_noise(const Report& report, Notices& out) {
   if (!report.noise_estimated->converged)
     all.push_back(
         "the noise was estimated in " + std::to_string(report.noise_estimated->count) +
-        " rounds and did not converge: model errors are taken for noise of changing sources");
+        " rounds and did not converge: model errors are attributed to noise of changing sources");
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
       all.push_back(level.of + ": " + std::to_string(level.own_views) +

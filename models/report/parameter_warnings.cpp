@@ -41,9 +41,10 @@ void warn_of_zero(const ZeroGauge& zero, std::vector<WarningItem> poses, Notices
     words.push_back(c.what.name + " (" + c.text + ")");
   }
   const bool one = zero.numbers.size() == 1;
-  const std::string number = one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") +
-                                       zero.joint + "' (" + zero.numbers[0] + ")"
-                                 : "numbers of the joints (" + listed(zero.numbers, kNamed) + ")";
+  const std::string number =
+      one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") + zero.joint + "' (" +
+                zero.numbers[0] + ")"
+          : "parameters of the joints (" + listed(zero.numbers, kNamed) + ")";
   const char* same = one ? "one number" : "the same numbers";
   const std::string poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
   warning.what = zero.at_base

@@ -50,7 +50,7 @@ void warn_of_use(const Residuals& residuals, Notices& out) {
                   std::string("with raw joint readings, errors are larger than before") +
                       (held_out ? ", on held-out data: " : ": ") + listed(worse, kNamed),
                   "either the stated noise of the readings is too large, or model errors were "
-                  "taken for their noise",
+                  "attributed to their noise",
                   "state the estimated noise of the joints, calibrate again, and keep the robot's "
                   "own parameters until errors with raw readings are smaller"));
 }

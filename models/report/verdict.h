@@ -27,8 +27,8 @@ double beyond_guess(const Report& report);
 /// nothing where it does, or where there is no solution to judge.
 std::optional<Notice> why_unexplained(const Report& report);
 /// Returns the verdict of a report that is otherwise complete: `no` if a warning is a fault or the
-/// run did not converge, `doubts` if a finding or warning is a doubt, else `good`. It speaks of the
-/// first of these, and of what explains it before it.
+/// run did not converge, `doubts` if a finding or warning is a doubt, else `good`. Its text gives
+/// the first of these, and before it the finding that explains it.
 Verdict verdict(const Report& report);
 
 }  // namespace kincal

@@ -76,7 +76,7 @@ struct LocalOptions {
 
 struct LocalOffset {
   int joint = -1;
-  /// rad, m: position = scale * reading + the rig's offset + this. NaN: unknown, for no sample
+  /// rad, m: position = scale * reading + the rig's offset + this. NaN: unknown, because no sample
   /// within the bandwidth depends on the joint; `sigma` and `variation` are NaN as well.
   double offset = 0;
   double sigma = 0;  // of the right offset at a posture near this one; NaN where no gain is claimed

@@ -1073,7 +1073,7 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   CHECK_THAT(
       words,
       Catch::Matchers::Contains(
-          "sensor/gauge/pose is absent from the rig and a sensor of type height gives no pose"));
+          "sensor/gauge/pose is missing in the rig and a sensor of type height gives no pose"));
 
   for (Sample& sample : samples) sample.views[0].target = target_index(rig, "board");
   const Solution solution = solution_of(rig, samples);

@@ -36,7 +36,7 @@ function evaluationScreen(context: Context): HTMLElement {
     judgement(look, `chi²/dof is ${digits(chi2PerDof(result))}: ${word}.`, 'Residuals at the rig’s own values; nothing was calibrated.'),
     h('div', { class: 'cards' },
       errorCard('Errors', ['explained', 'in use'], pooledErrors(context, (row) => [row.errors?.rms, row.errors?.rms_as_read]),
-        'RMS; explained: errors of joint readings taken out; in use: as the robot’s own software sees it.'),
+        'RMS; explained: without errors of joint readings; in use: as the robot’s own software sees it.'),
       fitCard(result), worstSample(context)),
     actions('What to do next', steps, [], ok ? 'Nothing.' : 'Calibrate with these samples, or run kincal check to find the mistake.'));
 }

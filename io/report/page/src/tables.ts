@@ -287,7 +287,7 @@ export function influenceSection(context: Context): Section {
         { title: 'Sample', cell: link }, { title: 'Sensor', cell: (row) => row.sensor ?? 'all' },
         { title: 'Target', cell: (row) => row.target ?? 'all' }, { title: 'Points', cell: (row) => row.ids?.length ?? 'all', numeric: true },
         { title: 'Reason', cell: (row) => row.reason },
-      ], { caption: 'Taken out as gross outliers before the fit.', file: 'rejected', row: markRow(index) }));
+      ], { caption: 'Removed as gross outliers before the fit.', file: 'rejected', row: markRow(index) }));
     });
 }
 function markRow(index: Map<string, number>) {
