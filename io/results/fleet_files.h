@@ -10,7 +10,7 @@
 
 namespace kincal {
 
-/// A Fleet is what result directories say of the robots that they are about.
+/// A Fleet is the information of result directories on their robots.
 struct Fleet {
   std::vector<FleetNumber> numbers;
   std::vector<FleetResult> results;

@@ -45,7 +45,7 @@ CalibratedFiles parse_calibrated(const ResultFiles& files, const std::string& fo
 /// Returns what a monitor begins with. @throws InputError: the files have no covariance
 CalibratedState state_of(const CalibratedFiles& files);
 
-/// Returns what a result.json says against using the result: its verdict, unless that is good; else
+/// Returns the reason in a result.json not to use the result: its verdict, unless it is good; else
 /// "".
 std::string verdict_doubt(const Field& result);
 

@@ -31,9 +31,9 @@ std::string held_text(const AutomaticNumber& number);
 /// @throws as make_groups().
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options);
 
-/// Calibrates a recording, whose rig's own steps are not looked at. Further models that it has from
-/// a calibration before are tried anew, unless `begin` says which of them are kept. How it ended is
-/// the solution's status. @throws as make_groups() and calibrate().
+/// Calibrates a recording; the steps of its rig are ignored. Further models from an earlier
+/// calibration are tested again, unless `begin` lists the ones to keep. The solution's status is
+/// the outcome. @throws as make_groups() and calibrate().
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options);
 

@@ -106,9 +106,9 @@ struct LocalCalibration {
   double significance = 0;  // of the offsets, as a standard normal number
   std::vector<LocalOffset>
       offsets;  // in the order of joint indices, of joints that some view near depends on
-  /// Errors within the radius: rms_before and rotation_before are without, rms_as_read and
-  /// rotation_as_read with the offsets, readings exact, free targets estimated; training samples
-  /// are left out one by one. The other numbers are not set.
+  /// Errors within the radius: rms_before and rotation_before without the offsets, rms_as_read and
+  /// rotation_as_read with them; readings exact, free targets estimated; training samples are left
+  /// out one by one. The other members are not set.
   std::vector<SensorResult> sensors;
 };
 
