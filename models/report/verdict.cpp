@@ -244,7 +244,7 @@ std::string widths_words(std::vector<AutomaticGroup> groups) {
     if (!g.held && !g.numbers.empty())
       words.push_back(g.name + " " + shown_text(g.numbers[0].width, g.numbers[0].unit) +
                       (is_bending(g.name) ? "" : text(" (%.2g times as much as usual)", g.factor)));
-  return words.empty() ? "" : "parameters differ from the rig by about: " + listed(words);
+  return words.empty() ? "" : "parameters are off from the rig's by about: " + listed(words);
 }
 
 }  // namespace
