@@ -256,7 +256,7 @@ class Init(Program):
                 (["--sensor", "camera:tool", "--image-size", "640"] + target, ["--image-size"]),
                 (["--sensor", "camera:tool", "--intrinsics", "1,2,3"] + target, ["--intrinsics"]),
                 (["--sensor", "tilting_laser:base"] + target, ["nothing tilts"]),
-                (sensor + ["--sensor", "point:tool:point", "--sensor", "point:l1:point"] + target, ["'point' stands twice"]),
+                (sensor + ["--sensor", "point:tool:point", "--sensor", "point:l1:point"] + target, ["'point' occurs twice"]),
                 (sensor + ["--target", "chesboard:3x3:1"], ["nearest: chessboard", "apriltag_grid"]),
                 (sensor + ["--target", "chessboard:3x3"], ["ROWSxCOLUMNS:SQUARE"]),
                 (sensor + ["--target", "chessboard:3:0.1"], ["such as 8x11"]),
@@ -414,7 +414,7 @@ sensors:
         samples = os.path.join(self.dir, self.simulate(1))
         (finding,) = self.automatic(self.path("rig.yaml"), samples)["findings"]
         self.assertEqual((finding["id"], finding["where"]), ("gear", ["j4"]))
-        self.assertRegex(finding["text"], r"its gear ratio or encoder count is (2\.9|3|3\.1) % off")
+        self.assertRegex(finding["text"], r"its gear ratio or encoder count is wrong by (2\.9|3|3\.1) %")
         result = self.automatic(self.path("rig.yaml"), samples, options=("--group", "gears"))
         p = result["parameters"]["joint/j4/scale"]
         self.assertLess(abs(p["value"][0] - 1.03), 4 * p["sigma"][0])

@@ -359,7 +359,7 @@ class Mounts(Case):
     def test_wrong(self):
         base = ["export", "rig.yaml", "--as", "urdf"]
         self.fails([*base, "--child", "camera_link", "--known", "0 0 0 0 0 0"], "--child is about one sensor", "left, right")
-        self.fails([*base, "--sensor", "left", "--child", "camera_link"], "'camera_link' is no link", "--known")
+        self.fails([*base, "--sensor", "left", "--child", "camera_link"], "'camera_link' is not a link", "--known")
         self.fails([*base, "--sensor", "left", "--child", "optica"], "nearest: optical")
         self.fails([*base, "--sensor", "left", "--child", "optical", "--known", "0 0 0"], "--known", "'0 0 0'")
         self.fails([*base, "--sensor", "left", "--child", "a", "--known", "0 0 0 1 1 0 0"], "--known", "length")

@@ -230,8 +230,8 @@ class Mount(Case):
         self.simulate(samples=3)
         for rig, part in ((BY_JOINT.replace("camera_joint", "camera_jont"), "valid: joint/optical_joint, joint/camera_joint"),
                           (BY_JOINT.replace("joint/camera_joint", "camera_joint"), "valid: joint/optical_joint, joint/camera_joint"),
-                          (BY_JOINT.replace("camera_joint", "wall_joint"), "is no fixed joint that link 'optical' hangs on"),
-                          (BY_JOINT.replace("camera_joint", "j6"), "is no fixed joint that link 'optical' hangs on"),
+                          (BY_JOINT.replace("camera_joint", "wall_joint"), "is not a fixed joint that link 'optical' hangs on"),
+                          (BY_JOINT.replace("camera_joint", "j6"), "is not a fixed joint that link 'optical' hangs on"),
                           (BY_JOINT.replace("link: optical", "link: j6_link"), "valid: none, for joint 'j6' above it is not fixed"),
                           (BY_JOINT.replace("link: optical", "link: base"), "valid: none: the link is the robot's root"),
                           ((RIG % ("", ", mount_joint: joint/wall_joint", "")).replace("mount: {link: wall}", "mount: free"), "a free target is not on a joint")):

@@ -115,7 +115,7 @@ class Fleet(helpers.Folder):
         self.kincal("fleet", *healthy, "--out", "out", "--level", "0.001")
         self.assertEqual(json.loads(self.read("out", "fleet.json"))["out_of_family"], 0)
         out, _ = self.kincal("fleet", *healthy[:3], "--out", "few")
-        self.assertIn("8 robots are needed, there are 3", out)
+        self.assertIn("it needs 8 robots, there are 3", out)
         self.assertIsNone(json.loads(self.read("few", "fleet.json"))["family"])
         _, err = self.kincal("fleet", *healthy, "--out", "out", code=1)
         self.assertIn("out", err)
@@ -245,7 +245,7 @@ sensors:
         for args, words in (
                 (["nowhere"], "nowhere: is not a directory"),
                 (["empty"], "empty: there is no result directory in it"),
-                ([self.result("results"), "--anew", "joint/bent/*"], "--anew: 'joint/bent/*' matches no number"),
+                ([self.result("results"), "--anew", "joint/bent/*"], "--anew: 'joint/bent/*' matches no parameter"),
                 ([self.result("results"), "--level", "2"], "--level")):
             _, err = self.kincal("fleet", *args, "--out", "out", code=1)
             self.assertIn(words, err)

@@ -100,7 +100,7 @@ class Warnings(Input):
             if few:
                 text = self.one(result, "few_data")["text"]
                 self.assertIn("%d training sample" % count, text)
-                self.assertIn("%d numbers" % (6 * count), text)
+                self.assertIn("%d values" % (6 * count), text)
                 self.assertIn("12 unknowns", text)
 
     def implausible(self, rig, samples, *words, name):
@@ -216,7 +216,7 @@ class Endings(Input):
                     pixel[1] += rng.gauss(0, 40)
         code, result, said = self.run_calibrate(GIVEN, samples)
         self.assertEqual(code, 5, said)
-        self.assertIn("A mistake is likelier than noise stated too small: outlier-points", result["verdict"]["text"])
+        self.assertIn("A mistake is likelier than an understated noise: outlier-points", result["verdict"]["text"])
         self.assertNotIn("sigma", [f["id"] for f in result.get("findings", [])])
 
     def test_a_loss_from_a_rough_start(self):

@@ -225,7 +225,7 @@ class Readings(Case):
 
     def test_a_gear(self):
         for name in ("room", "tool"):
-            self.one(Scene(name).readings("j2", lambda q: 1.02 * q).check(), "gear", ["j2"], r"moves 0\.98\d* times .* 2 % off|1\.[89]\d* % off")
+            self.one(Scene(name).readings("j2", lambda q: 1.02 * q).check(), "gear", ["j2"], r"moves 0\.98\d* times .* wrong by (2|1\.[89]\d*) %")
 
     def test_a_robot_that_moves_yet(self):
         scene = Scene("room")
@@ -295,7 +295,7 @@ class Readings(Case):
             with self.subTest(name=name):
                 found, = scene.check()
                 self.assertEqual((found["id"], found["where"]), ("changed", [first["id"]]), found)
-                self.assertIn("Calibrate the two parts apart", found["text"])
+                self.assertIn("Calibrate the two parts separately", found["text"])
                 random.Random(1).shuffle(scene.samples)  # nor is anything there where no order is
                 self.assertNotIn("changed", [f["id"] for f in scene.check()])
 
@@ -546,7 +546,7 @@ class Points(Case):
         scene = Scene("balls")
         for k in (3, 7, 15):
             scene.samples[k]["views"][0]["points"][0][0] += 0.05
-        self.one(scene.check(), "outlier-points", [scene.samples[k]["id"] for k in (3, 7, 15)], r"Leave these points out .*\(--reject\)")
+        self.one(scene.check(), "outlier-points", [scene.samples[k]["id"] for k in (3, 7, 15)], r"Remove these points from the samples.*\(--reject\)")
         for s in scene.samples:
             s["views"] = s["views"][:1]
         self.one(scene.check(scene.rig), "bad-samples", [scene.samples[k]["id"] for k in (3, 7, 15)], "the measured point is wrong, or")

@@ -332,7 +332,7 @@ class Words(Case):
         self.assertEqual(result["verdict"]["use"], "good", text)
         self.assertNotIn("more varied postures", text)
         found, = self.warnings(result, "base_frame")
-        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are known no better than where the base frame is")
+        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are determined no better than the position of the base frame")
         self.assertIn("fix joint/j1/offset (--fix)", found)
         self.assertGreater(result["parameters"]["sensor/tracker/pose"]["sigma"][1], 0.01)  # it is still told
         result, text = self.calibrate(samples, "--fix", "joint/j1/offset")
@@ -365,7 +365,7 @@ class Words(Case):
         held, = self.warnings(result, "no_effect")
         self.assertIn("--group 'centres' was requested, but its parameters keep their nominal values", held)
         self.assertIn("free each by name (--free), as sensor/cam/intrinsics.cx", held)
-        self.assertIn("; --group 'offsets' changes nothing: it is among those tried anyway", held)
+        self.assertIn("; --group 'offsets' has no effect: this group is always tried", held)
         # what is freed by name is estimated, and nothing says that it is held
         result, text = self.calibrate(samples, "--free", "sensor/cam/intrinsics.cx", rig="open.yaml")
         self.assertNotIn("sensor/cam/intrinsics.cx", [h["parameter"] for h in result["held"]])
@@ -393,7 +393,7 @@ class Words(Case):
             self.assertIn("compliance", [g["group"] for g in result["automatic"] if not g["held"]])
             result, _ = self.calibrate(clean, "--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", rig="open.yaml")
             found, = self.warnings(result, "systematic")
-            self.assertRegex(found, r"the errors of the readings of joint 'j2' go with where it stands \(0\.\d+ mrad, up to \d+ % of their scatter\)")
+            self.assertRegex(found, r"the errors of the readings of joint 'j2' depend on its position \(0\.\d+ mrad, up to \d+ % of their scatter\)")
             self.assertEqual(result["verdict"]["use"], "doubts")
             self.assertIn("depend on its position", result["verdict"]["text"])
 
@@ -420,7 +420,7 @@ class Words(Case):
                     changed = [f["where"] for f in result.get("findings", []) if f["id"] == "changed"]
                     if changed:         # then noise is not estimated, which makes the jump look smaller, and begin a sample early
                         self.assertEqual(changed, [[clean[15]["id"]]])
-                        self.assertIn("and from '%s' on contradict each other" % clean[15]["id"], result["verdict"]["text"])
+                        self.assertIn("and those from '%s' on contradict each other" % clean[15]["id"], result["verdict"]["text"])
                         self.assertRegex(found, r"^the errors of joint 'j2' jump by at least [2-6]\.?\d* mrad from sample 'sample_001[45]' on")
                         continue
                     self.assertRegex(found, r"^the errors of joint 'j2' jump by at least [56]\.?\d* mrad from sample '%s' on" % clean[15]["id"])
@@ -652,7 +652,7 @@ class Words(Case):
         found, = json.loads(self.kincal("check", "rig.yaml", "bench/samples.jsonl", "--json", code=0))["findings"]
         self.assertEqual(found["id"], "disconnected")
         self.assertNotIn("no other sensor", found["text"])
-        self.assertIn("Hold one of these, as sensor/left/pose:", found["text"])
+        self.assertIn("Fix one of these, as sensor/left/pose:", found["text"])
         self.kincal("calibrate", "rig.yaml", "bench/samples.jsonl", "--out", "held", "--fix", "sensor/left/pose")
 
     def test_a_board_in_millimetres_is_calibrated_and_named(self):
@@ -679,7 +679,7 @@ class Words(Case):
         result, text = self.calibrate(samples, rig="open.yaml")
         self.assertEqual(result["verdict"]["use"], "no", text)  # the camera is one place or 8 cm from there
         self.assertEqual([f["id"] for f in result["findings"]], ["link-length"], text)
-        for words in ("joint/j3/origin.", "target/board/square", "with a ruler", "alike"):
+        for words in ("joint/j3/origin.", "target/board/square", "with a ruler", "equally well"):
             self.assertIn(words, result["findings"][0]["text"])
         # less than what is looked for: the size that came out as another is a doubt all the same, but not where it was said how well it is known
         self.write("less.yaml", CAMERA.replace("square: 0.025", "square: 0.0255"))

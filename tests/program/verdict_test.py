@@ -83,7 +83,7 @@ class ExitCode(Case):
         result, warnings = self.calibrate(rig, code=5)
         self.assertEqual((result["status"], result["verdict"]["use"]), ("unexplained", "no"))
         self.assertTrue(all(s["status"] == "converged" for s in result["steps"]))
-        for words in ("Noise stated too small is likelier than a mistake", "state sensor/", "--estimate-noise"):
+        for words in ("An understated noise is likelier than a mistake", "state sensor/", "--estimate-noise"):
             self.assertIn(words, result["verdict"]["text"])
             self.assertIn(words, warnings["unexplained"]["text"])
         for name in ("rig.yaml", "changes.yaml"):
@@ -147,7 +147,7 @@ class ExitCode(Case):
         with open(os.path.join(out, "summary.json"), encoding="utf-8") as file:
             summary = json.load(file)
         self.assertEqual((summary["converged"], summary["unexplained"]), (1, 2))
-        for name, words in (("noise", "Noise stated too small is likelier"), ("square", "square: ")):
+        for name, words in (("noise", "An understated noise is likelier"), ("square", "square: ")):
             entry = summary["results"][name]
             self.assertEqual((entry["status"], entry["exit_code"]), ("unexplained", 5))
             self.assertIn(words, entry["error"])

@@ -283,7 +283,7 @@ TEST_CASE("import: messages that are there again count once") {
   INFO(notes);
   REQUIRE(streams.notes.size() == 3);
   CHECK(streams.notes[0].find("40 messages of /eye/image_raw, /joint_states are there again") == 0);
-  CHECK(streams.notes[1].find("/joint_states: 1 readings of joint 'a' are no finite numbers") == 0);
+  CHECK(streams.notes[1].find("/joint_states: 1 readings of joint 'a' are not finite") == 0);
   CHECK(streams.joints[0].readings.size() == 19);
   REQUIRE(streams.images[0].times.size() == 42);  // in the order of the bag
   CHECK(streams.images[0].times[2] == Approx(0.1));
@@ -303,7 +303,7 @@ TEST_CASE("import: readings that come too slowly are said") {
   const TopicMap topics = find_topics(place.rig(kMocap, kRobot), streams);
   bool said = false;
   for (const std::string& note : topics.notes)
-    said = said || note.find("/joint_states: 2 readings a second are too few") == 0;
+    said = said || note.find("/joint_states: 2 readings per second are too few") == 0;
   CHECK(said);
 }
 

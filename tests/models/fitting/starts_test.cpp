@@ -1164,8 +1164,8 @@ TEST_CASE("calibration: where views of three points leave a pose without start, 
     CHECK(lost_start_text(ended, "sensor/camera/pose").empty());
     ended.status = Status::not_converged;
     CHECK_THAT(lost_start_text(ended, "sensor/camera/pose"),
-               Catch::Matchers::Contains("is absent from the rig and is seen by views of three "
-                                         "points at most, each of which fits several poses"));
+               Catch::Matchers::Contains("is missing in the rig and is seen only by views of at "
+                                         "most three points, and each view fits several poses"));
     CHECK_THAT(lost_start_text(ended, "sensor/that_sees_nothing/pose"),
                Catch::Matchers::Contains("nothing with a known pose ties it down"));
   }

@@ -767,7 +767,7 @@ TEST_CASE("posture files", "[simulation]") {
              Contains("unknown key 'ids'"));
   const std::string place = ", \"targets\": {\"large_board\": {\"xyz\": [1, 2, 3]}}",
                     view = "{\"sensor\": \"wide_left\", \"target\": \"large_board\"}";
-  CHECK_THAT(with(view + ", " + view, place), Contains("views[1]: the view stands twice"));
+  CHECK_THAT(with(view + ", " + view, place), Contains("views[1]: the view occurs twice"));
   CHECK_THAT(with(view, ", \"targets\": {\"large_boar\": {}}"),
              Contains("targets.large_boar") && Contains("nearest: large_board"));
   CHECK_THAT(with(view, ", \"targets\": {\"large_board\": {\"xy\": 1}}"),
