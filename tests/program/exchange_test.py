@@ -365,7 +365,7 @@ class Mounts(Case):
         self.fails([*base, "--sensor", "left", "--child", "a", "--known", "0 0 0 1 1 0 0"], "--known", "length")
         self.fails([*base, "--sensor", "left", "--child", "tool"], "'tool'", "moves")
         self.fails([*base, "--sensor", "left", "--child", "base", "--known", "0 0 0 0 0 0"], "root")
-        self.fails([*base, "--sensor", "left", "--known", "0 0 0 0 0 0"], "--child", "missing")
+        self.fails([*base, "--sensor", "left", "--known", "0 0 0 0 0 0"], "--known needs --child")
         self.fails([*base, "--sensor", "stereo", "--child", "a", "--known", "0 0 0 0 0 0"], "sensors.stereo", "kincal calibrate")
         self.fails(["export", "rig.yaml", "--as", "kalibr", "--child", "a"], "--child", "static_transforms, urdf, xacro, poses")
 

@@ -364,7 +364,7 @@ class Words(Case):
         result, text = self.calibrate(samples, "--group", "centres", "--group", "offsets", rig="open.yaml")
         held, = self.warnings(result, "no_effect")
         self.assertIn("--group 'centres' was requested, but its parameters keep their nominal values", held)
-        self.assertIn("free each by name (--free), as sensor/cam/intrinsics.cx", held)
+        self.assertIn("free each by name (--free), for example sensor/cam/intrinsics.cx", held)
         self.assertIn("; --group 'offsets' has no effect: this group is always tried", held)
         # what is freed by name is estimated, and nothing says that it is held
         result, text = self.calibrate(samples, "--free", "sensor/cam/intrinsics.cx", rig="open.yaml")

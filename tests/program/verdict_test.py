@@ -101,7 +101,7 @@ class ExitCode(Case):
         result, warnings = self.calibrate(self.other_square(0.03), code=5)
         self.assertEqual(result["status"], "unexplained")
         self.assertEqual(result["findings"][0]["id"], "square")
-        for words in ("A mistake is likelier than noise", "square: ", "undo it"):
+        for words in ("A mistake is likelier than an understated noise", "square: ", "undo it"):
             self.assertIn(words, result["verdict"]["text"])
         self.assertEqual(result["warnings"][0]["id"], "unexplained")
 

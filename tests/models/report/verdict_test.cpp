@@ -222,7 +222,7 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   CHECK(ids(report) == Names{"width", "duplicates"});
   CHECK(verdict.use == "doubts");
   CHECK(verdict.about == std::vector<NoticeKind>{NoticeKind::width});
-  CHECK(verdict.why == "parameters of group 'offsets' are off by 17 times as much as usual");
+  CHECK(verdict.why == "parameters of group 'offsets' are off by 17 times the usual amount");
   CHECK(verdict.reasons == Names{"they may absorb a mistake in the rig or the data"});
   REQUIRE(verdict.next.size() == 2);
   CHECK_THAT(verdict.next[0], StartsWith("compare the rig's values of these parameters"));
