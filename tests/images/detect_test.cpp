@@ -615,7 +615,7 @@ TEST_CASE("images: a row of corners has the noise of the fields beside it") {
   CHECK(found.sigma > 0.008);
 }
 
-// Not run with the others: errors in predicted sigmas, the second table of docs/results.md.
+// Not run with the others: errors in predicted sigmas, docs/results/corner_sigmas.csv.
 TEST_CASE("images: table of sigmas", "[.table]") {
   std::printf("\n| target, px between corners | tilt | noise 1 | 2 | 5 | found |\n");
   std::printf("| --- | --- | --- | --- | --- | --- |\n");
@@ -643,7 +643,7 @@ TEST_CASE("images: table of sigmas", "[.table]") {
       }
 }
 
-// Not run with the others: makes the table of docs/results.md (benchmarks/detectors).
+// Not run with the others: makes docs/results/detection_errors.csv (benchmarks/detectors).
 TEST_CASE("images: table of errors against blur, noise and tilt", "[.table]") {
   struct Row {
     std::string name, text;
