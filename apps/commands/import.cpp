@@ -349,7 +349,7 @@ std::string format_lines() {
   std::string formats;
   for (const PoseFormat& format : pose_formats()) {
     std::string line = "\n  " + format.name;
-    line.resize(13, ' ');
+    line.resize(14, ' ');
     for (const std::string& column : format.columns)
       if (format.columns.size() < 12) line += column + " ";
     line.resize(std::max<size_t>(line.size(), 36), ' ');

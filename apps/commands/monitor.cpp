@@ -96,8 +96,9 @@ int monitor(const MonitorArguments& a) {
 
 Command monitor_command(CLI::App& app) {
   auto a = std::make_shared<MonitorArguments>();
-  CLI::App* command = app.add_subcommand(
-      "monitor", "Check new samples of a calibrated robot: how well each fits, and what has moved");
+  CLI::App* command = app.add_subcommand("monitor",
+                                         "Check new samples of a calibrated robot: how well each "
+                                         "fits, and which parameters have moved");
   command
       ->add_option("RESULT", a->result, "the result directory of a calibration; not with --static")
       ->required();

@@ -69,7 +69,7 @@ Command verify_command(CLI::App& app, const std::string& command_line) {
       ->type_name("TOLERANCE");
   command
       ->add_option("--standard", a->settings.standard,
-                   "what is compared: distances between postures, or positions in the calibrated "
+                   "compare distances between postures, or positions in the calibrated "
                    "frame of the instrument (iso9283)")
       ->check(CLI::IsMember(std::vector<std::string>{"distances", "iso9283"}))
       ->capture_default_str();

@@ -74,12 +74,12 @@ std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& 
 
 std::string automatic_table(const std::vector<AutomaticGroup>& groups) {
   std::vector<std::vector<std::string>> rows = {
-      {"group", "", "numbers", "determined", "width found", "evidence"}};
+      {"group", "", "components", "determined", "width found", "evidence"}};
   for (const AutomaticGroup& g : groups)
     if (!g.numbers.empty())
-      rows.push_back({g.name, g.held ? "as the rig has it" : "estimated",
-                      std::to_string(g.numbers.size()), text("%.1f", g.gamma),
-                      readable(g.numbers[0].width, g.numbers[0].unit), text("%.1f", g.gain)});
+      rows.push_back({g.name, g.held ? "nominal" : "estimated", std::to_string(g.numbers.size()),
+                      text("%.1f", g.gamma), readable(g.numbers[0].width, g.numbers[0].unit),
+                      text("%.1f", g.gain)});
   return align(rows, 2);
 }
 

@@ -77,7 +77,7 @@ class Calibration {
   /// allocation. A sample without its own sigmas for its readings (`noise`) has the rig's, even if
   /// the replaced one had its own. Solutions of earlier solves keep their values but share this
   /// recording: analyses of them use the new values. @throws std::invalid_argument: no such sample,
-  /// or it has other views, points or numbers of sigmas than the one that it replaces.
+  /// or it has other views, points or another count of sigmas than the one that it replaces.
   void replace(int slot, const Sample& sample);
 
  private:

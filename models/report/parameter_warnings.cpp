@@ -255,8 +255,9 @@ void warn_of_parameters(const Report& report, Notices& out) {
     }
   if (!priors.empty()) {
     out.push_back(notice_of(NoticeKind::prior,
-                            automatic ? "parameters are off by more than 3 times what is usual here"
-                                      : "parameters are more than 3 prior sigmas from their priors",
+                            automatic
+                                ? "parameters are off by more than 3 times the usual amount here"
+                                : "parameters are more than 3 prior sigmas from their priors",
                             std::move(priors), "",
                             automatic ? "compare this parameter with the robot; if it is right, "
                                         "look for another mistake that it absorbs (`check`)"

@@ -95,7 +95,7 @@ function findingsSection(result: Result): Section {
 }
 
 function testedSection(result: Result): Section {
-  return section('tested', 'Mistakes tested', 'Kinds of mistakes, described in docs/doctor.md. Other mistakes are possible.',
+  return section('tested', 'Mistakes tested', 'Kinds of mistakes, described in docs/reference.md. Other mistakes are possible.',
     (host) => {
       const found = new Set((result.findings ?? []).map((finding) => finding.id));
       const ids = [...new Set([...found, ...(result.tested ?? [])])];
