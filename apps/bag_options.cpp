@@ -8,38 +8,39 @@ namespace kincal {
 
 std::vector<CLI::Option*> add_settling_options(CLI::App& command, SettlingArguments& a) {
   return {
-      command.add_option("--rest", a.rest, "of recordings: the shortest rest, s")
+      command.add_option("--rest", a.rest, "recordings: the shortest rest, s")
           ->check(CLI::Range(0.05, 3600.))
           ->capture_default_str(),
       command
           .add_option("--still-joints", a.still_joints,
-                      "of recordings: joints rest while they stay within this, rad or m (default: "
-                      "by the noise that each has at rest)")
+                      "recordings: a joint is at rest while it stays within this range, rad or m "
+                      "(default: from its noise at rest)")
           ->check(CLI::PositiveNumber),
       command
           .add_option("--still-pixels", a.still_pixels,
-                      "of recordings: a target rests while its corners stay within this, px "
-                      "(default: by their noise)")
+                      "recordings: a target is at rest while its corners stay within this range, "
+                      "px (default: from their noise)")
           ->check(CLI::PositiveNumber),
       command
           .add_option("--distinct", a.distinct,
-                      "of recordings: of postures that are closer than this (rad, m) the first "
-                      "stays; 0: all do")
+                      "recordings: of postures closer together than this (rad, m) only the first "
+                      "is used; 0: all are used")
           ->check(CLI::NonNegativeNumber)
           ->capture_default_str(),
       command
-          .add_option("--images", a.images, "of recordings: images of a camera in a rest, at most")
+          .add_option("--images", a.images,
+                      "recordings: largest number of images per camera and rest")
           ->check(CLI::Range(1, 1000))
           ->capture_default_str(),
       command.add_flag("--apply-offsets", a.apply_offsets,
-                       "of recordings: correct the stamps of images by the offsets in time that "
-                       "are found"),
+                       "recordings: correct the time stamps of images by the time offsets found"),
       command.add_flag("--no-offsets", a.no_offsets,
-                       "of recordings: do not look for offsets in time, which takes images of the "
-                       "moving robot"),
+                       "recordings: do not search for time offsets (the search needs images of the "
+                       "moving robot)"),
       command
-          .add_option("--threads", a.threads,
-                      "of recordings: the result is the same for any number; 0: all processors")
+          .add_option(
+              "--threads", a.threads,
+              "recordings: number of threads (the result does not depend on it); 0: all processors")
           ->check(CLI::Range(0, 1024))
           ->capture_default_str()};
 }
@@ -61,9 +62,9 @@ std::vector<std::string> words_of(const SettlingArguments& a) {
 void add_bag_options(CLI::App& command, BagArguments& a) {
   command.add_option("BAG", a.bags, "ROS 1 bags, MCAP, SQLite files or folders of rosbag2")
       ->required();
-  command.add_option("--rig", a.rig, "the rig that the samples are of");
-  command.add_option("--out", a.out, "the samples to write")->type_name("FILE");
-  command.add_flag("--list", a.list, "show what the bags have, and write nothing");
+  command.add_option("--rig", a.rig, "the rig of the samples");
+  command.add_option("--out", a.out, "file for the samples")->type_name("FILE");
+  command.add_flag("--list", a.list, "show the contents of the bags and write nothing");
   command.add_flag("--force", a.force, "replace an existing file");
   command.add_flag("--quiet", a.quiet, "no progress");
   add_settling_options(command, a.settling);

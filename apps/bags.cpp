@@ -136,8 +136,8 @@ void take_readings(const std::string& path, const RigFile& rig, RecordedStreams&
   for (const JointRow& row : read_joint_table(path, rig.rig, {}).rows) {
     if (!row.time)
       throw InputError(row.where +
-                       ": beside a recording a column `time` is expected, in seconds as the "
-                       "stamps of the images are (since 1970)");
+                       ": with a recording, a column `time` is expected, in seconds since 1970 "
+                       "like the time stamps of the images");
     const double ns = std::abs(*row.time) > 1e15 ? 1 : 1e9;  // as ROS writes stamps, or s
     const double time = (*row.time - static_cast<double>(streams.origin) / ns) * ns * 1e-9;
     for (const auto& [joint, value] : row.joints) readings[joint].emplace(time, value);
@@ -235,8 +235,9 @@ int import_measurements(const BagArguments& a, const RigFile& rig, ProgressLine&
 int import_all(const BagArguments& a) {
   if (a.rig.empty() || a.out.empty())
     throw InputError(std::string(a.rig.empty() ? "--rig" : "--out") +
-                     " is missing: a bag becomes samples of a rig: kincal import " + a.bags[0] +
-                     " --rig rig.yaml --out samples.jsonl (or --list, to see what it has)");
+                     " is missing: converting a bag into samples needs a rig: kincal import " +
+                     a.bags[0] +
+                     " --rig rig.yaml --out samples.jsonl (or --list to see its contents)");
   check_output_file(a.out, a.force);
   const RigFile rig = read_rig(a.rig);
   ProgressLine line(a.quiet);
@@ -274,14 +275,14 @@ int import_all(const BagArguments& a) {
   if (found.samples.empty())
     throw InputError(a.bags[0] + ": no samples: " + found.diagnosis +
                      "; nothing is written (kincal import " + a.bags[0] + " --list --rig " + a.rig +
-                     " shows what is taken for what)");
+                     " shows the assignment of topics)");
   return write_samples(a, rig.rig, found.samples, found.images);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("kincal-bags reads recordings of ROS and writes them as samples.", "kincal import");
+  CLI::App app("kincal-bags converts ROS recordings to samples.", "kincal import");
   BagArguments a;
   add_bag_options(app, a);
   return run_program(app, argc, argv, [&a] {

@@ -54,15 +54,15 @@ int detect_all(const DetectArguments& a) {
                         ? a.threads
                         : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   ProgressLine line(a.quiet);
-  options.progress = line.progress().in("looking at images");
+  options.progress = line.progress().in("searching the images");
   if (holds_samples(a.input) && (!a.sensor.empty() || !a.joints.empty()))
-    throw InputError("--sensor and --joints are for images without samples; " + a.input +
-                     " has both in it");
+    throw InputError("--sensor and --joints are only for images without samples; " + a.input +
+                     " contains both");
   const Filled filled = holds_samples(a.input) ? fill_samples(rig, a.input, options)
                                                : fill_images(rig, image_files(a.input), options);
   line.clear();
   say(a, filled);
-  if (filled.samples == 0) throw InputError("nothing was found, nothing is written");
+  if (filled.samples == 0) throw InputError("nothing was found, nothing was written");
   begin_writing();
   if (!not_interrupted()) return say_interrupted();
   write_file(a.out, filled.text, a.force);
@@ -72,7 +72,7 @@ int detect_all(const DetectArguments& a) {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("kincal-detect finds boards and markers in images and writes them as samples.",
+  CLI::App app("kincal-detect finds boards and markers in images and writes samples.",
                "kincal detect");
   DetectArguments a;
   add_detect_options(app, a);

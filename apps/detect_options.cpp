@@ -9,46 +9,48 @@ void add_detect_options(CLI::App& command, DetectArguments& a) {
                   "samples.jsonl whose views have an `image` and no `pixels`; or a folder, a "
                   "pattern ('images/*.png') or one image")
       ->required();
-  command.add_option("--out", a.out, "the samples to write")->required()->type_name("FILE");
+  command.add_option("--out", a.out, "file for the samples")->required()->type_name("FILE");
   command
-      .add_option("--sensor", a.sensor,
-                  "of images without samples: the camera that took them (default: the rig's only "
-                  "one)")
+      .add_option(
+          "--sensor", a.sensor,
+          "images without samples: the camera that took them (default: the rig's only camera)")
       ->type_name("NAME");
   command
-      .add_option("--joints", a.joints,
-                  "of images without samples: joint readings, a table with a header (image or "
-                  "time, and joints) or JSON lines; rows without either go with the images in "
-                  "their order")
+      .add_option(
+          "--joints", a.joints,
+          "images without samples: joint readings, a table with a header (image or time, and "
+          "joints) or JSON lines; rows without image and time belong to the images in their order")
       ->type_name("FILE");
   command
       .add_option("--pose-format", a.pose_format,
-                  "the readings are a table of the flange's poses, as `kincal import --help` has "
-                  "the formats: xyzw, rpy, rotvec, abb, kuka, fanuc, zyz, ...")
+                  "the readings are a table of flange poses in a format of `kincal import --help`: "
+                  "xyzw, rpy, rotvec, abb, kuka, fanuc, zyz, ...")
       ->type_name("FORMAT");
-  command.add_option("--unit", a.unit, "m or mm, of such a table");
-  command.add_option("--map", a.map, "a column that is called differently than its joint")
+  command.add_option("--unit", a.unit, "unit of that table: m or mm");
+  command.add_option("--map", a.map, "a column whose name differs from its joint")
       ->type_name("COLUMN=JOINT");
-  command.add_option("--angles", a.angles, "rad or deg, of joint readings (default: rad)");
+  command.add_option("--angles", a.angles, "unit of joint readings: rad or deg (default: rad)");
   command
       .add_option("--tolerance", a.tolerance,
-                  "s, between the time that an image's name is and that of its readings")
+                  "largest difference in s between the time in an image's name and the time of its "
+                  "readings")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command.add_flag("--sigma", a.sigma,
-                   "write each view's own `sigma`: that of a corner's pixels, by the picture's "
-                   "noise and edges (chessboards, ChArUco, Kalibr's grids); the rig's counts "
-                   "where there is none");
-  command.add_option("--draw", a.draw, "a folder for pictures of what was found")->type_name("DIR");
+  command.add_flag(
+      "--sigma", a.sigma,
+      "write a `sigma` for each view, computed from the image's noise and edges (chessboards, "
+      "ChArUco, Kalibr's grids); where it is absent the rig's sigma applies");
+  command.add_option("--draw", a.draw, "folder for images that show the targets found")
+      ->type_name("DIR");
   command
       .add_option("--threads", a.threads,
-                  "the result is the same for any number; 0: all processors")
+                  "number of threads (the result does not depend on it); 0: all processors")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   command.add_flag("--force", a.force, "replace an existing file");
-  command.add_flag("--quiet", a.quiet, "no progress, and only a line for each image that failed");
+  command.add_flag("--quiet", a.quiet, "no progress, and one line only for each image that failed");
   command.footer(
-      "Images that cannot be used and targets that are not found are named and left out. Exit "
+      "Images that cannot be used and targets that are not found are listed and left out. Exit "
       "codes: 0 samples written; 1 bad input, or\n"
       "nothing was found, nothing written; 130 interrupted, nothing written.");
 }

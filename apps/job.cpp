@@ -81,14 +81,14 @@ Report run(Job& job, const CalibrateSettings& settings, bool diagnose, ProgressL
 }
 
 ResultFiles make_files(const Job& job, const Report& report, const CalibrateSettings& settings) {
-  now("making the files of the result");
+  now("writing the files of the result");
   ResultFiles files = make_texts(job, report, settings);
   if (!settings.no_report) files.report_html = make_page(files);
   return files;
 }
 
 void add_page_settings(CLI::App& command, PageSettings& s) {
-  command.add_option("--report", s.file, "write a page for a browser into this file")
+  command.add_option("--report", s.file, "write a report page (HTML) to this file")
       ->type_name("FILE");
   command.add_flag("--force", s.force, "replace an existing page")->needs("--report");
 }
@@ -109,89 +109,88 @@ void write_page(const PageSettings& s, const ResultFiles& files, bool say) {
 void add_settings(CLI::App& command, CalibrateSettings& s) {
   command
       .add_option("--noise", s.noise,
-                  "how noise of joint readings counts: latent (an unknown error per joint and "
-                  "sample; honest sigmas), marginal, point, none")
+                  "model of the noise of joint readings: latent (an unknown error per joint and "
+                  "sample; correct sigmas), marginal, point, none")
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
   command
       .add_option("--threads", s.threads,
-                  "threads of one calibration; the result is the same for any number")
+                  "threads of one calibration; the result does not depend on their number")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   command.add_option("--step", s.step, "run all steps up to this one");
   command
       .add_option("--free", s.free,
-                  "name or glob to free in the last step that runs, e.g. 'joint/*_wrist_*/offset'; "
-                  "may be repeated")
-      ->allow_extra_args(false)
-      ->type_name("GLOB");
-  command
-      .add_option("--fix", s.fix,
-                  "name or glob to hold in the last step that runs; may be repeated")
+                  "name or pattern of parameters to estimate in the last step that runs, e.g. "
+                  "'joint/*_wrist_*/offset'; may be repeated")
       ->allow_extra_args(false)
       ->type_name("GLOB");
   command
       .add_option(
-          "--group", s.groups,
-          "of a rig without `estimate`: also let this group of numbers be wrong (gears: the "
-          "gear scales); may be repeated")
+          "--fix", s.fix,
+          "name or pattern of parameters to fix in the last step that runs; may be repeated")
+      ->allow_extra_args(false)
+      ->type_name("GLOB");
+  command
+      .add_option("--group", s.groups,
+                  "without `estimate` in rig.yaml: also estimate this group of parameters (gears: "
+                  "the gear scales); may be repeated")
       ->allow_extra_args(false)
       ->type_name("NAME");
   command
-      .add_option(
-          "--no-group", s.no_groups,
-          "of a rig without `estimate`: take this group of numbers as the rig has it "
-          "(offsets, lengths/*, sizes, ...: see --dry-run; curve/*, compliance*: joints have no "
-          "error curves, do not bend); may be repeated")
+      .add_option("--no-group", s.no_groups,
+                  "without `estimate` in rig.yaml: fix this group of parameters (offsets, "
+                  "lengths/*, sizes, ...: see --dry-run; curve/*: no error curves of joints; "
+                  "compliance*: no bending of joints); may be repeated")
       ->allow_extra_args(false)
       ->type_name("NAME");
-  command.add_option("--linear-solver", s.linear_solver, "of the reduced system")
+  command.add_option("--linear-solver", s.linear_solver, "solver of the reduced linear system")
       ->check(CLI::IsMember(keys(kLinearSolvers)))
       ->capture_default_str();
   command
-      .add_option("--iterations", s.iterations,
-                  "make so many iterations a step, also at the minimum: to see what the stop rule "
-                  "leaves undone")
+      .add_option(
+          "--iterations", s.iterations,
+          "make exactly N iterations per step, even at the minimum (to check the stop rule)")
       ->check(CLI::Range(1, 100000))
       ->type_name("N");
   command.add_flag("--reject", s.reject,
-                   "take gross outliers out first (points, views, samples), by a robust fit; say "
-                   "which; then fit what is left");
-  command.add_flag(
-      "--estimate-noise", s.estimate_noise,
-      "estimate the sigmas of sensors and joints along, as far as the data determine them; "
-      "rig.yaml gets them (latent and none)");
+                   "first remove gross outliers (points, views, samples) by a robust fit and list "
+                   "them; then fit the rest");
+  command.add_flag("--estimate-noise", s.estimate_noise,
+                   "also estimate the sigmas of sensors and joints where the data determine them, "
+                   "and write them to rig.yaml (latent and none)");
   command
       .add_option("--holdout", s.holdout,
                   "hold out one K-th of the training samples, besides those with split: test; "
-                  "whole targets where a sensor's samples are\n"
+                  "whole targets if a sensor's samples are\n"
                   "spread over several mounted ones")
       ->check(CLI::Range(2, 1000))
       ->type_name("K");
   command
-      .add_option("--cross-validate", s.cross_validate,
-                  "K more calibrations, each judged on the K-th of the training that it lacks")
+      .add_option(
+          "--cross-validate", s.cross_validate,
+          "K more calibrations, each tested on the K-th of the training samples that it leaves out")
       ->check(CLI::Range(2, 1000))
       ->type_name("K");
   command
       .add_option("--report-frame", s.report_frames,
-                  "predicted sigma over the workspace of a link, sensor/NAME or target/NAME "
-                  "relative to the base; may be repeated")
+                  "report the predicted sigma of a link, sensor/NAME or target/NAME relative to "
+                  "the base over the workspace; may be repeated")
       ->allow_extra_args(false)
       ->type_name("FRAME");
   command
       .add_option(
           "--require", s.require,
-          "tolerance, exit code 4 if it is not met: 'sensor/NAME<0.2mm' (rms as read, held out "
-          "where there is any), 'frame/LINK<1mm'\n"
+          "tolerance, exit code 4 if it is not met: 'sensor/NAME<0.2mm' (rms as read, of held-out "
+          "data if there are any), 'frame/LINK<1mm'\n"
           "(predicted sigma), 'chi2/dof<1.5'; units px, m, mm, um, rad, mrad, deg; may be repeated")
       ->allow_extra_args(false)
       ->type_name("QUANTITY<LIMIT");
   command.add_flag("--no-report", s.no_report,
-                   "leave out report.html, residuals.csv, loops.csv and the table of loops");
+                   "do not write report.html, residuals.csv, loops.csv and the table of loops");
   command.add_flag("--write-reduction", s.write_reduction,
-                   "write calibrated gear scales into robot.urdf's mechanicalReduction and set "
-                   "them to 1 in rig.yaml (for logs recorded from then on)");
+                   "write calibrated gear scales into mechanicalReduction of robot.urdf and set "
+                   "them to 1 in rig.yaml (for logs recorded afterwards)");
 }
 
 }  // namespace kincal

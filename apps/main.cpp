@@ -22,18 +22,17 @@ namespace {
 
 const char* const kFooter =
     "Examples:\n"
-    "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step frees and "
-    "counts\n"
-    "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf "
-    "is the calibrated robot\n"
+    "  kincal calibrate rig.yaml samples.jsonl --dry-run          what each step estimates\n"
+    "  kincal calibrate rig.yaml samples.jsonl --out result       calibrate; result/robot.urdf is "
+    "the calibrated robot\n"
     "  kincal batch fleet --out results                           the same for every folder of "
     "fleet\n"
     "  kincal evaluate result/rig.yaml samples.jsonl              residuals at the calibrated "
     "values\n"
     "  kincal simulate rig.yaml --samples 30 --seed 1 --out sim --spread 'joint/*/offset=0.01'\n"
     "  kincal apply result other_copy.urdf --out calibrated.urdf\n"
-    "  kincal show result                                         the essentials again; "
-    "result/report.html has them all\n"
+    "  kincal show result                                         the summary again; "
+    "result/report.html has everything\n"
     "  kincal compensate result planned.csv --tip tool0           readings for a robot whose "
     "joints bend\n"
     "  kincal export result --as camera_info --sensor camera      for ROS, OpenCV, Kalibr, "
@@ -44,18 +43,19 @@ const char* const kFooter =
     "without a robot\n"
     "  kincal detect rig.yaml images --joints joints.csv --out samples.jsonl\n"
     "  kincal diff result other_result                            two calibrations compared\n"
-    "  kincal monitor result new_samples.jsonl                    has anything moved since?\n"
+    "  kincal monitor result new_samples.jsonl                    has anything moved since the "
+    "calibration?\n"
     "  kincal plan rig.yaml --next 20 --out postures.jsonl        which postures to record, and "
     "the accuracy they give\n"
     "  kincal verify result new_samples.jsonl --out certificate   is it as accurate as claimed?\n"
-    "  kincal fleet results --out fleet                           which robots are unlike the "
-    "others, and what drifts\n"
-    "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a freed direction is not "
-    "determined by the data (named in the\n"
-    "warnings); 3 a step did not converge; 4 a demanded tolerance is not met; 5 the model does "
-    "not explain the data; 130\n"
+    "  kincal fleet results --out fleet                           find robots unlike the others, "
+    "and drift\n"
+    "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a direction to be estimated "
+    "is not determined by the data (see the\n"
+    "warnings); 3 a step did not converge; 4 a required tolerance is not met; 5 the model does not "
+    "explain the data; 130\n"
     "interrupted, nothing written. With 2 to 5 results are written and marked. batch: 0 all\n"
-    "sets converged; 1 some did not; 130 interrupted, what is finished stays.";
+    "sets converged; 1 some did not; 130 interrupted, finished results are kept.";
 
 /// The first argument that looks like an option and is none, with the nearest ones that there are;
 /// else "".
@@ -168,7 +168,7 @@ int main(int argc, char** argv) try {
     const std::string what = argc == 1 ? "a command is required"
                                        : "there is no command '" + std::string(argv[1]) + "'" +
                                              nearest_names(argv[1], names);
-    std::fprintf(stderr, "kincal: error: %s; known: %s. `kincal --help` says more\n", what.c_str(),
+    std::fprintf(stderr, "kincal: error: %s; known: %s. See `kincal --help`\n", what.c_str(),
                  known.c_str());
     return kBadInput;
   }

@@ -62,7 +62,7 @@ int render_all(const Arguments& a) {
   options.force = a.force;
   options.threads = threads_of(a);
   ProgressLine line(a.quiet);
-  options.progress = line.progress().in("taking pictures");
+  options.progress = line.progress().in("rendering images");
   const int count = render_samples(rig, a.samples, a.truth, options);
   line.clear();
   std::cout << count << " pictures\n";
@@ -72,17 +72,17 @@ int render_all(const Arguments& a) {
 }  // namespace
 
 int main(int argc, char** argv) try {
-  CLI::App app("kincal-render takes the pictures of a simulation (kincal simulate --render).",
+  CLI::App app("kincal-render renders the images of a simulation (kincal simulate --render).",
                "kincal-render");
   Arguments a;
   app.add_option("RIG", a.rig, "rig.yaml")->required();
   app.add_option("SAMPLES", a.samples, "samples.jsonl whose views have an `image`")->required();
   app.add_option("TRUTH", a.truth, "truth.json of the simulation")->required();
-  app.add_option("--seed", a.seed, "the same seed makes the same pictures");
-  app.add_option("--bag", a.bag, "write a bag in place of pictures");
+  app.add_option("--seed", a.seed, "the same seed gives the same images");
+  app.add_option("--bag", a.bag, "write a bag instead of image files");
   add_render_options(app, a.look);
   add_journey_options(app, a.journey);
-  app.add_flag("--force", a.force, "replace existing pictures");
+  app.add_flag("--force", a.force, "replace existing images");
   app.add_flag("--quiet", a.quiet, "no progress");
   return run_image_program(app, argc, argv,
                            [&a] { return a.bag.empty() ? render_all(a) : record_bag(a); });

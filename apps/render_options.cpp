@@ -5,27 +5,29 @@
 namespace kincal {
 
 std::vector<CLI::Option*> add_render_options(CLI::App& command, RenderArguments& a) {
-  return {command.add_option("--blur", a.blur, "of pictures: sigma of the lens's blur, px")
-              ->check(CLI::Range(0., 100.))
-              ->capture_default_str(),
-          command.add_option("--image-noise", a.noise, "of pictures: sigma, grey levels of 255")
-              ->check(CLI::Range(0., 255.))
-              ->capture_default_str(),
-          command
-              .add_option("--vignetting", a.vignetting,
-                          "of pictures: how much darker their corners are, 0 to 1")
-              ->check(CLI::Range(0., 1.))
-              ->capture_default_str(),
-          command
-              .add_option("--background", a.background,
-                          "of pictures: what is behind the targets: grey, gradient, texture")
-              ->check(CLI::IsMember({"grey", "gradient", "texture"}))
-              ->capture_default_str(),
-          command
-              .add_option("--threads", a.threads,
-                          "for pictures; they are the same for any number; 0: all processors")
-              ->check(CLI::Range(0, 1024))
-              ->capture_default_str()};
+  return {
+      command.add_option("--blur", a.blur, "images: sigma of the blur of the lens, px")
+          ->check(CLI::Range(0., 100.))
+          ->capture_default_str(),
+      command
+          .add_option("--image-noise", a.noise, "images: sigma of the noise, grey levels of 255")
+          ->check(CLI::Range(0., 255.))
+          ->capture_default_str(),
+      command
+          .add_option("--vignetting", a.vignetting,
+                      "images: relative darkening of the image corners, 0 to 1")
+          ->check(CLI::Range(0., 1.))
+          ->capture_default_str(),
+      command
+          .add_option("--background", a.background,
+                      "images: background behind the targets: grey, gradient, texture")
+          ->check(CLI::IsMember({"grey", "gradient", "texture"}))
+          ->capture_default_str(),
+      command
+          .add_option("--threads", a.threads,
+                      "threads for rendering (images do not depend on it); 0: all processors")
+          ->check(CLI::Range(0, 1024))
+          ->capture_default_str()};
 }
 
 std::vector<std::string> words_of(const RenderArguments& a) {
@@ -41,19 +43,19 @@ std::vector<CLI::Option*> add_journey_options(CLI::App& command, JourneyArgument
         ->check(CLI::Range(low, high))
         ->capture_default_str();
   };
-  return {add("--rest", a.rest, 0.1, 3600, "with --bag: how long the robot rests in a posture, s"),
-          add("--move", a.move, 0.1, 3600, "with --bag: how long it moves to the next, s"),
+  return {add("--rest", a.rest, 0.1, 3600, "with --bag: duration of a rest, s"),
+          add("--move", a.move, 0.1, 3600, "with --bag: duration of a move, s"),
           add("--scatter", a.scatter, 0, 1000,
-              "with --bag: scatter of single readings of a joint, in its sigmas, besides the error "
-              "that stays while the robot rests"),
-          add("--joint-rate", a.joint_rate, 1, 10000, "with --bag: readings of the joints, Hz"),
-          add("--frame-rate", a.frame_rate, 0.1, 1000, "with --bag: images of each camera, Hz"),
+              "with --bag: scatter of single readings of a joint, in units of its sigma, in "
+              "addition to the error that is constant during a rest"),
+          add("--joint-rate", a.joint_rate, 1, 10000, "with --bag: rate of joint readings, Hz"),
+          add("--frame-rate", a.frame_rate, 0.1, 1000, "with --bag: image rate of each camera, Hz"),
           add("--camera-delay", a.camera_delay, -1, 1,
-              "with --bag: by how much images are stamped later than readings, s"),
+              "with --bag: delay of image time stamps relative to readings, s"),
           add("--sweeps", a.sweeps, 0, 3600,
-              "with --bag: tilting lasers sweep up and down in every rest, each way in so many "
-              "seconds; 0: they do not"),
-          add("--scan-rate", a.scan_rate, 1, 1000, "with --sweeps: scans of each laser, Hz")};
+              "with --bag: duration of one sweep (up or down) of tilting lasers in every rest, s; "
+              "0: no sweeps"),
+          add("--scan-rate", a.scan_rate, 1, 1000, "with --sweeps: scan rate of each laser, Hz")};
 }
 
 std::vector<std::string> words_of(const JourneyArguments& a, const std::string& bag) {

@@ -56,8 +56,8 @@ struct SolverOptions {
   /// False: second derivatives are never looked for, for comparisons.
   bool second_derivatives = true;
   bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons
-  /// It is told of each iteration, and of the same again between the linearisations that second
-  /// derivatives take.
+  /// It receives each iteration, and also the iterations between the linearisations of second
+  /// derivatives.
   Progress progress;
 };
 

@@ -35,7 +35,7 @@
 
 namespace kincal {
 
-/// After so many groups a progress is told how far it is.
+/// Number of groups between two reports of progress.
 constexpr size_t kGroupsTold = 256;
 
 struct Observability {
@@ -81,9 +81,9 @@ Observability observe(Problem& problem, const VectorXd& state,
 MatrixXd reduced_rows(const Problem& problem, const VectorXd& state, size_t group);
 
 /// Eliminates a group's private unknowns, the first `private_size` columns of its rows [J_private
-/// J_touched r] (Problem::square_root): returns what is left of [J_touched r], at most as many
-/// rows as columns and undetermined private unknowns, and adds the rank of the private columns to
-/// `rank`. Without private unknowns these are the rows themselves.
+/// J_touched r] (Problem::square_root): returns the remaining rows of [J_touched r], at most as
+/// many rows as columns and undetermined private unknowns, and adds the rank of the private columns
+/// to `rank`. Without private unknowns these are the rows themselves.
 MatrixXd eliminate(MatrixXd rows, int private_size, long& rank);
 
 }  // namespace kincal

@@ -20,16 +20,16 @@ struct Cancelled {};
 /// Throws it: headers do not, so that they can be read without exceptions. @throws Cancelled
 [[noreturn]] void throw_cancelled();
 
-/// Returns what was found; nullopt is how a cancellation ended there. @throws Cancelled
+/// Returns the result; nullopt: the work was cancelled. @throws Cancelled
 template <class T>
 T uncancelled(std::optional<T> found) {
   if (!found) throw_cancelled();
   return std::move(*found);
 }
 
-/// A Progress is passed to everything that takes long. By default nobody listens; telling then
-/// costs nothing. It allocates only where a part is named or a stage told. It is told by the thread
-/// that was called, or by one thread at a time.
+/// A Progress is passed to every long computation. By default it has no listener and costs nothing.
+/// It allocates only when a part is named or a stage is reported. It is called by the calling
+/// thread, or by one thread at a time.
 class Progress {
   static constexpr double kUntold = std::numeric_limits<double>::quiet_NaN();
 
@@ -56,7 +56,7 @@ class Progress {
     out.name_ = behind_name(part);
     return out;
   }
-  /// Returns the progress of what is done between two shares of this.
+  /// Returns the progress of the work between two shares of this.
   Progress between(double from, double to) const {
     Progress out = *this;
     out.from_ = from_ + (to_ - from_) * from;
@@ -69,7 +69,7 @@ class Progress {
   void stage(const std::string& what, double share = kUntold) const {
     if (listener_) tell({behind_name(what), share});
   }
-  /// Tells how much of this part is done: so much of so much.
+  /// Reports how much of this part is done: `done` of `of`.
   void share(double done, double of = 1) const {
     if (listener_) tell({name_, from_ + (to_ - from_) * (of > 0 ? done / of : 1)});
   }

@@ -165,3 +165,4 @@ if(TARGET kincal_c)
   kincal_python_test(c.Fuzz ../c/fuzz_test.py cli 600 ${kincal_program} $<TARGET_FILE:kincal_c_fuzz> 4)
 endif()
 kincal_python_test(structure.Folders ../structure_test.py cli 60 ${PROJECT_SOURCE_DIR})  # who includes whom
+kincal_python_test(words.Texts ../words_test.py cli 60 ${PROJECT_SOURCE_DIR})  # plain words in what users read

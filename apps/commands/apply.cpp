@@ -23,7 +23,8 @@ int apply(const ApplyArguments& a) {
   check_output_file(a.out, a.force);
   std::error_code ignored;
   if (std::filesystem::is_directory(a.urdf, ignored))
-    throw InputError(a.urdf + ": this is a directory, no URDF; the result comes first");
+    throw InputError(a.urdf +
+                     ": this is a directory, not a URDF; the result is the first argument");
   const std::string text = read_file(a.urdf);
   const AppliedResult applied = is_mjcf(text) ? apply_to_mjcf(a.result, text, a.urdf, a.force)
                                               : apply_result(a.result, read_urdf(a.urdf), a.force);
@@ -39,20 +40,17 @@ int apply(const ApplyArguments& a) {
 Command apply_command(CLI::App& app) {
   auto a = std::make_shared<ApplyArguments>();
   CLI::App* command = app.add_subcommand(
-      "apply",
-      "Put the changes of a result into another copy of the robot: a URDF or a MuJoCo model");
+      "apply", "Apply a calibration to another copy of the robot model (URDF or MuJoCo)");
   command->add_option("RESULT", a->result, "result directory or its result.json")->required();
   command
-      ->add_option(
-          "URDF", a->urdf,
-          "the copy: a URDF, or a MuJoCo model (MJCF) whose bodies and joints are called as its "
-          "links and joints; only numbers that change are replaced")
+      ->add_option("URDF", a->urdf,
+                   "the copy: a URDF, or a MuJoCo model (MJCF) whose bodies and joints have the "
+                   "names of the robot's links and joints; only values that change are replaced")
       ->required();
   command->add_option("--out", a->out, "file to write")->required();
-  command->add_flag(
-      "--force", a->force,
-      "replace an existing file; apply a result that is not converged, not determined or not "
-      "explained by the model");
+  command->add_flag("--force", a->force,
+                    "replace an existing file; apply a result that is not converged, not "
+                    "determined or not explained by the model");
   command->footer("Exit codes: 0 written; 1 bad input or usage, nothing written.");
   return {command, [a] { return apply(*a); }};
 }

@@ -26,7 +26,7 @@ std::string where_text(const Report& report, const ResultFiles& files,
                        const CalibrateArguments& a) {
   std::string out = "Written to " + a.out;
   if (report.verdict.use != "no")
-    out += files.robot_urdf.empty() ? ": rig.yaml has what was found"
+    out += files.robot_urdf.empty() ? ": rig.yaml has the calibrated values"
            : files.unbent_urdf.empty()
                ? ": robot.urdf is the calibrated robot, rig.yaml the rig "
                  "that goes with it"
@@ -94,9 +94,9 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   a->settings.command = command_line;
   CLI::App* command = app.add_subcommand(
       "calibrate",
-      "Estimate the parameters that the rig's steps free and write a result directory");
+      "Calibrate a robot: estimate the parameters of the rig and write a result directory");
   command->add_option("RIG", a->rig, "rig.yaml: robot, sensors, targets, steps")->required();
-  command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot a line")
+  command->add_option("SAMPLES", a->samples, "samples.jsonl: one posture of the robot per line")
       ->required();
   command->add_option("--out", a->out,
                       "new directory for robot.urdf, rig.yaml, result.json, changes.yaml, "
@@ -104,38 +104,35 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
   add_settings(*command, a->settings);
   command
       ->add_option("--restarts", a->settings.restarts,
-                   "run all steps N times more from other starting values and tell whether they "
-                   "end in the same minimum")
+                   "run all steps N more times from other starting values and report whether they "
+                   "reach the same minimum")
       ->check(CLI::Range(1, 10000))
       ->type_name("N");
   command->add_flag("--force", a->force, "replace an existing result");
-  command->add_flag("--dry-run", a->dry_run,
-                    "only print what each step frees, the counts and the degrees of freedom");
+  command->add_flag(
+      "--dry-run", a->dry_run,
+      "only print the parameters that each step estimates, the counts and the degrees of freedom");
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->add_flag("--tables", a->tables,
-                    "print all tables: steps, groups, loops, noise, mounts to be copied, ...");
+                    "print all tables: steps, groups, loops, noise, mounts to copy, ...");
   command->add_flag(
       "--json", a->json,
       "print result.json on standard output instead; without --out nothing is written");
   command->footer(
       "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, "
-      "/intrinsics[.fx ...], /distortion, "
-      "/baseline;\n"
-      "target/NAME/pose, /square, /points; geometry/BASE..TIP (two links): the independent numbers "
-      "of a chain. Of a rig without `estimate`\n"
-      "everything is free that could be wrong, as far as such numbers usually are, which is "
-      "learned "
-      "from the data (--dry-run shows the groups);\n"
-      "what there is no evidence for keeps its value. `*` in "
-      "globs crosses `/`. The tables show rms "
-      "before and after; `as read` takes the joint "
-      "readings\n"
-      "as exact: what the robot's own software will see.\n"
-      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a freed direction is not "
+      "/intrinsics[.fx ...], /distortion, /baseline;\n"
+      "target/NAME/pose, /square, /points; geometry/BASE..TIP (two links): the independent "
+      "components of a chain. In patterns `*` also matches `/`.\n"
+      "If rig.yaml has no `estimate` section, every parameter that may be wrong is estimated, with "
+      "priors whose widths are learned from the data\n"
+      "(--dry-run shows the groups). Parameters without evidence of error keep their nominal "
+      "values. The tables show the rms before and after;\n"
+      "`as read` takes the joint readings as exact, as the robot's own software does.\n"
+      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a direction to be estimated is not "
       "determined; 3 a step did not converge; 4 a\n"
       "--require is not met; 5 the model does not explain the data (2 to 5: results are written, "
-      "result.json says so; where several\n"
-      "apply 3 goes before 2 before 5 before 4); 130 interrupted, nothing written.");
+      "result.json has the status; if several\n"
+      "apply, the order is 3, 2, 5, 4); 130 interrupted, nothing written.");
   return {command, [a] { return calibrate(*a); }};
 }
 

@@ -25,10 +25,10 @@ std::string open_numbers_text(const std::map<std::string, std::vector<std::strin
   std::string out;
   for (const auto& [target, samples] : open)
     out += "Numbering: target '" + target +
-           "' looks the same from several sides, and the joint readings do not tell from which "
-           "it was numbered in " +
+           "' looks the same from several sides, and the joint readings do not determine from "
+           "which one it was numbered in " +
            (samples.size() == 1 ? "sample " : "samples ") + comma_separated(samples) +
-           ". Look whether point 0 is the same corner there (kincal detect --draw), or record "
+           ". Check that point 0 is the same corner there (kincal detect --draw), or record "
            "postures that turn the board about other axes.\n";
   return out;
 }
@@ -71,33 +71,33 @@ Command check_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<CheckArguments>();
   a->page.command = command_line;
   CLI::App* command = app.add_subcommand(
-      "check", "Test the usual mistakes as hypotheses and say which one explains the data");
+      "check", "Test the usual mistakes as hypotheses and report which one explains the data");
   command->add_option("RIG", a->rig, "rig.yaml")->required();
   command->add_option("SAMPLES", a->samples, "samples.jsonl")->required();
   command->add_option("--noise", a->noise, "as in calibrate")
       ->check(CLI::IsMember(keys(kNoiseModes)))
       ->capture_default_str();
-  command->add_option("--threads", a->threads, "the result is the same for any number")
+  command
+      ->add_option("--threads", a->threads, "number of threads; the result does not depend on it")
       ->check(CLI::Range(1, 1024))
       ->capture_default_str();
   add_page_settings(*command, a->page);
   command->add_flag("--json", a->json,
                     "print {findings, chi2, dof, verdict, tested, open_numbering} as JSON");
   command->add_flag("--compare", a->compare,
-                    "with --json: also `alternatives`, the log odds of each mistake that was tried "
-                    "with all samples against the data as they are");
+                    "with --json: also `alternatives`, the log odds of each mistake tried with all "
+                    "samples against the data unchanged");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
-      "Looks for wrong sizes of boards, rows and columns exchanged, boards numbered from another "
-      "corner, mirrored images or points, "
-      "joints\n"
-      "with the wrong sign or in degrees, joints that never move, inverted poses, cameras and "
-      "targets on the wrong side, exchanged\n"
-      "cameras, images rectified or not, samples twice, sensors tied to nothing, samples whose "
-      "readings do not belong to their views,\n"
-      "readings that are a sample or some time late, sensors and targets on a wrong link, sigmas "
-      "wrong by 5 times and more, points outside of\n"
-      "the image, intrinsics in another order, lengths in millimetres.\n"
+      "Looks for: wrong board sizes, rows and columns exchanged, boards numbered from another "
+      "corner, mirrored images or points, joints with\n"
+      "the wrong sign or in degrees, joints that never move, inverted poses, cameras and targets "
+      "on the wrong side, exchanged cameras,\n"
+      "rectified images, duplicate samples, sensors without a connection to the others, readings "
+      "that do not match the views of\n"
+      "their sample, readings shifted by a sample or a time, sensors and targets on a wrong link, "
+      "sigmas wrong by a factor of 5 or more,\n"
+      "points outside the image, intrinsics in the wrong order, lengths in millimetres.\n"
       "Exit codes: 0 checked, whatever was found (--json for programs); 1 bad input; 130 "
       "interrupted.");
   return {command, [a] { return check(*a); }};

@@ -45,14 +45,14 @@ Frame seen_from(const RigFile& file, const ParameterTable& table, const std::str
   valid.push_back(base.name);
   if (asked.empty() && still.size() > 1)
     throw InputError(
-        "--from is needed: the reference frame of the tip's pose, as two calibrations put "
-        "the base link at different places; one of " +
+        "--from is required: the reference frame of the tip's pose, because two calibrations may "
+        "place the base link differently; one of " +
         comma_separated(valid));
   if (asked.empty()) return still.empty() ? base : still[0];
   if (asked == base.name) return base;
   for (const Frame& frame : still)
     if (frame.name == asked) return frame;
-  throw InputError("--from: '" + asked + "' is nothing that stands still; one of " +
+  throw InputError("--from: '" + asked + "' does not stand still; one of " +
                    comma_separated(valid) + " is expected");
 }
 
@@ -133,9 +133,7 @@ CompensatedTable compensated_table(const std::vector<JointRow>& rows, const Robo
 int compensate_postures(const CompensateArguments& a) {
   const std::vector<std::string> outputs = {a.out, a.header, a.module, a.data};
   if (a.postures.empty() && a.header.empty() && a.module.empty() && a.data.empty())
-    throw InputError(
-        "compensate: nothing is asked for: give POSTURES, or --c-header, --python or "
-        "--json");
+    throw InputError("compensate: nothing to do: give POSTURES, --c-header, --python or --json");
   for (const std::string& output : outputs)
     if (!output.empty()) {
       say_cleared(clear_leftovers(output));
@@ -146,10 +144,10 @@ int compensate_postures(const CompensateArguments& a) {
   const RigFile real_file = read_rig(rig);
   std::error_code ignored;
   if (!fs::exists(rigid, ignored))
-    throw InputError(a.result +
-                     ": nothing to compensate: there is no rig_rigid.yaml, which `calibrate` "
-                     "writes where joints bend or have error curves; else robot.urdf has all that "
-                     "was found");
+    throw InputError(
+        a.result +
+        ": nothing to compensate: there is no rig_rigid.yaml, which `calibrate` writes only if "
+        "joints bend or have error curves; robot.urdf has the whole calibration");
   const RigFile planned_file = read_rig(rigid.string());
   const ParameterTable real_table(real_file.rig), planned_table(planned_file.rig);
   const RobotTip real = robot_tip(real_file, real_table, a),
@@ -189,43 +187,42 @@ int compensate_postures(const CompensateArguments& a) {
 Command compensate_command(CLI::App& app) {
   auto a = std::make_shared<CompensateArguments>();
   CLI::App* command = app.add_subcommand(
-      "compensate", "Readings with which a robot that bends is where it was planned to be");
+      "compensate", "Correct planned readings for joints that bend or have error curves");
   command
       ->add_option("RESULT", a->result,
                    "result directory of a robot whose joints bend or have "
                    "error curves")
       ->required();
   command->add_option("POSTURES", a->postures,
-                      "readings that were planned with robot.urdf: a table (CSV, a header of joint "
+                      "readings planned with robot.urdf: a table (CSV with a header of joint "
                       "names; rad, m) or JSON lines {\"joints\": {...}}");
   command
-      ->add_option(
-          "--tip", a->tip,
-          "the frame that is to reach its planned pose: a link, sensor/NAME or target/NAME")
+      ->add_option("--tip", a->tip,
+                   "the frame that must reach its planned pose: a link, sensor/NAME or target/NAME")
       ->required()
       ->type_name("FRAME");
   command
-      ->add_option(
-          "--from", a->from,
-          "reference frame of that pose: sensor/NAME or target/NAME that stands still, or the "
-          "base link; default: the only one that stands still")
+      ->add_option("--from", a->from,
+                   "reference frame of that pose: a sensor/NAME or target/NAME that stands still, "
+                   "or the base link; default: the only one that stands still")
       ->type_name("FRAME");
-  command->add_flag("--position", a->position, "how the tip is turned does not matter");
+  command->add_flag("--position", a->position, "ignore the orientation of the tip");
   command->add_option("--out", a->out,
                       "file for the readings (.jsonl: JSON lines; else a table); "
                       "default: standard output, as POSTURES");
-  command->add_option("--c-header", a->header,
-                      "write a C99 header with the same: forward "
-                      "kinematics and compensation, no heap");
-  command->add_option("--python", a->module, "write a Python module with the same (numpy)");
-  command->add_option("--json", a->data, "write its data: compensation.json");
+  command->add_option(
+      "--c-header", a->header,
+      "write a C99 header with forward kinematics and compensation, without heap use");
+  command->add_option("--python", a->module,
+                      "write a Python module with the same functions (numpy)");
+  command->add_option("--json", a->data, "write the data of both: compensation.json");
   command->add_flag("--force", a->force, "replace existing files");
   command->footer(
-      "A URDF cannot hold that joints bend under weights, nor the error curves of their encoders "
-      "and gears. Plan with robot.urdf of the result,\n"
-      "and send the readings that this makes of the plan: the tip is then where robot.urdf has it. "
-      "A robot of less than six joints comes as near as\n"
-      "it can (1 rad counts as 1 m; --position: positions alone).\n"
+      "A URDF cannot express joints that bend under weight, nor error curves of encoders and "
+      "gears. Plan with robot.urdf of the result and\n"
+      "send the readings that this command computes from the plan: the tip then is where "
+      "robot.urdf places it. A robot with fewer than six joints\n"
+      "comes as near as it can (1 rad counts as 1 m; --position: position only).\n"
       "Exit codes: 0 done; 1 bad input, nothing written.");
   return {command, [a] { return compensate_postures(*a); }};
 }

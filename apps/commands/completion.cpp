@@ -72,13 +72,13 @@ std::string bash_completion(const CLI::App& app) {
 }  // namespace
 
 Command completion_command(CLI::App& app) {
-  CLI::App* command = app.add_subcommand(
-      "completion", "Print a script with which a shell completes commands and options");
+  CLI::App* command =
+      app.add_subcommand("completion", "Print a shell script that completes commands and options");
   command->add_option("SHELL", "the shell: bash")
       ->required()
       ->check(CLI::IsMember(std::vector<std::string>{"bash"}));
   command->footer(
-      "Example, for the present shell (the Debian package brings the script along):\n"
+      "Example for the current shell (the Debian package installs the script):\n"
       "  source <(kincal completion bash)");
   return {command, [&app] {
             std::cout << bash_completion(app);

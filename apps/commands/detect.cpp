@@ -11,7 +11,7 @@ namespace kincal {
 Command detect_command(CLI::App& app, const std::vector<std::string>& arguments) {
   auto a = std::make_shared<DetectArguments>();
   CLI::App* command =
-      app.add_subcommand("detect", "Find boards and markers in images and write them as samples");
+      app.add_subcommand("detect", "Find boards and markers in images and write samples");
   add_detect_options(*command, *a);
   return {command, [a, arguments]() -> int {
             become(find_sibling("kincal-detect", "`kincal detect`", kBuiltWithImages), arguments);

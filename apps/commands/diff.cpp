@@ -36,19 +36,19 @@ Command diff_command(CLI::App& app) {
   command
       ->add_option("--frame", a->frames,
                    "link, sensor/NAME or target/NAME whose pose relative to the base is compared; "
-                   "may be repeated (default: what carries a\n"
-                   "sensor or mounted target, and these)")
+                   "may be repeated (default: sensors, mounted\n"
+                   "targets, and the links that carry them)")
       ->allow_extra_args(false)
       ->type_name("FRAME");
   command->add_option("--samples", a->samples,
-                      "samples.jsonl of A's rig whose joint readings are the workspace (default: "
-                      "random within the joints' limits)");
+                      "samples.jsonl of A's rig whose joint readings define the workspace "
+                      "(default: random within the joint limits)");
   command->add_flag("--json", a->json, "print everything as JSON");
   command->footer(
-      "Differences are B - A, in sigmas of the difference (root of the sum of both squared sigmas: "
-      "for calibrations from different data).\n"
-      "Poses are compared as poses, whatever initial values they were estimated from. Exit codes: "
-      "0; 1 bad input, or different robots.");
+      "Differences are B - A, also in sigmas of the difference (root of the sum of both squared "
+      "sigmas, valid for calibrations from different data).\n"
+      "Poses are compared as poses, independent of their initial values. Exit codes: 0; 1 bad "
+      "input, or different robots.");
   return {command, [a] { return diff(*a); }};
 }
 

@@ -60,15 +60,17 @@ Command evaluate_command(CLI::App& app, const std::string& command_line) {
   a->page.command = command_line;
   CLI::App* command = app.add_subcommand(
       "evaluate",
-      "Print the residuals at the rig's values, with free targets and joint errors re-estimated");
+      "Print the residuals at the rig's values; only free targets and joint errors are estimated");
   command->add_option("RIG", a->rig, "rig.yaml")->required();
   command->add_option("SAMPLES", a->samples, "samples.jsonl")->required();
-  command->add_option("--urdf", a->urdf,
-                      "a robot in place of the rig's; joint offsets of the rig are taken as folded "
-                      "into it, scales stay. For a calibrated robot.urdf\n"
-                      "use the rig.yaml beside it: what a URDF cannot express is there");
+  command->add_option(
+      "--urdf", a->urdf,
+      "a robot that replaces the rig's; joint offsets of the rig are assumed to be in it already, "
+      "scales are kept. For a calibrated robot.urdf\n"
+      "use the rig.yaml beside it, which also has the parameters that a URDF cannot express");
   command
-      ->add_option("--free", a->free, "name or glob to re-estimate in each split; may be repeated")
+      ->add_option("--free", a->free,
+                   "name or pattern of parameters to estimate anew in each split; may be repeated")
       ->allow_extra_args(false)
       ->type_name("GLOB");
   command->add_option("--noise", a->noise, "as in calibrate")
@@ -78,8 +80,8 @@ Command evaluate_command(CLI::App& app, const std::string& command_line) {
   command->add_flag("--json", a->json, "print {chi2, dof, sensors, warnings} as JSON");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
-      "Exit codes: 0 evaluated; 1 bad input or usage; 3 poses that --free or a free target leaves "
-      "open did not converge.");
+      "Exit codes: 0 evaluated; 1 bad input or usage; 3 poses estimated for --free or a free "
+      "target did not converge.");
   return {command, [a] { return evaluate(*a); }};
 }
 

@@ -58,12 +58,12 @@ int fleet(const FleetArguments& a) {
 
 Command fleet_command(CLI::App& app) {
   auto a = std::make_shared<FleetArguments>();
-  CLI::App* command = app.add_subcommand(
-      "fleet",
-      "Compare results of many robots, or of one over months: who is out of family, what drifts");
+  CLI::App* command = app.add_subcommand("fleet",
+                                         "Compare results of many robots, or of one robot over "
+                                         "time: find robots unlike the others, and drift");
   command
       ->add_option("DIR", a->results,
-                   "result directories of calibrate or batch, or folders of them (such as the "
+                   "result directories of calibrate or batch, or folders of them (for example the "
                    "--out of a batch)")
       ->required();
   command
@@ -72,38 +72,35 @@ Command fleet_command(CLI::App& app) {
       ->required();
   command
       ->add_option("--level", a->level,
-                   "of healthy robots this share is named by chance; smaller: fewer false alarms, "
-                   "and less is found")
+                   "share of healthy robots reported by chance; a smaller value gives fewer false "
+                   "alarms and fewer detections")
       ->check(CLI::Range(1e-9, 0.5))
       ->capture_default_str();
   command
-      ->add_option(
-          "--anew", a->anew,
-          "name or glob of numbers that are new in every result, as the place of a board that is "
-          "put up\nanew: no drift of the robot; may be repeated (default: target/*/pose)")
+      ->add_option("--anew", a->anew,
+                   "name or pattern of parameters that change with every recording, for example "
+                   "the pose of a board that is set up\n"
+                   "anew; not counted as drift; may be repeated (default: target/*/pose)")
       ->allow_extra_args(false)
       ->type_name("NAME");
   command->add_flag("--json", a->json, "print fleet.json instead of tables");
   command->add_flag("--force", a->force, "replace an existing output");
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->footer(
-      "Which robot and when: `serial` and `time` at the top of rig.yaml; else the folder's name "
-      "(NAME, or NAME-2026-03-01, or\n"
-      "ROBOT/2026-03-01) and the date of the calibration. Each robot is judged by its latest "
-      "result "
-      "beside the latest of all\n"
-      "others; one with several results also by what changed between them. What the data say "
-      "counts, "
-      "without any priors.\n"
-      "Worst first: p is how often a healthy robot looks so bad. `What would explain it alone` is "
-      "the "
-      "number to look at first:\n"
-      "others that the data cannot tell from it explain it as well (family.csv, drift.csv).\n"
+      "Robot and date: `serial` and `time` at the top of rig.yaml; else the folder's name (NAME, "
+      "or NAME-2026-03-01, or\n"
+      "ROBOT/2026-03-01) and the date of the calibration. The latest result of each robot is "
+      "compared with the latest results of all\n"
+      "others; a robot with several results is also compared with itself over time. Only the data "
+      "count, not the priors.\n"
+      "The worst come first: p is the probability that a healthy robot looks this bad. Read `What "
+      "would explain it alone` first:\n"
+      "it names the parameter, and the others that the data cannot distinguish from it "
+      "(family.csv, drift.csv).\n"
       "Example:\n"
       "  kincal batch robots --out results && kincal fleet results --out fleet\n"
       "Exit codes: 0 nothing was found; 1 bad input, nothing written; 4 a robot is out of family "
-      "or "
-      "has changed, results are\n"
+      "or has changed, results are\n"
       "written; 130 interrupted, nothing written.");
   return {command, [a] { return fleet(*a); }};
 }

@@ -57,7 +57,8 @@ std::string entry_name(const std::string& given, const Names& names, const std::
   if (given.empty() && names.size() == 1) return names[0];
   const std::string valid = "; valid: " + comma_separated(names);
   if (given.empty())
-    throw InputError(option + ": say which of the rig's this file is about" + valid);
+    throw InputError(
+        option + " is required: the sensor or target of the rig that this file describes" + valid);
   for (const std::string& name : names)
     if (name == given) return given;
   throw InputError(option + ": there is no '" + given + "' in the rig" +
@@ -69,8 +70,7 @@ int put_into_rig(const ImportArguments& a, const std::string& section, const std
                  const RigFile& rig, const RigKeys& keys) {
   const EditedRig edited = edited_rig(rig, section, name, keys, robot_from(a, rig));
   if (!edited.comments_kept)
-    std::cerr << "kincal: warning: " << a.rig
-              << " is written anew: its comments could not be kept\n";
+    std::cerr << "kincal: warning: " << a.rig << " is rewritten; its comments are lost\n";
   begin_writing();
   write_file(a.out, edited.text, a.force);
   read_rig(a.out);
@@ -120,16 +120,15 @@ int import_camera(const ImportArguments& a) {
 int import_poses(const ImportArguments& a) {
   if (a.sensor.empty() != a.target.empty())
     throw InputError(std::string(a.sensor.empty() ? "--sensor" : "--target") +
-                     ": say both, what saw and what was seen, or neither");
+                     ": give both --sensor and --target, or neither");
   const std::vector<FlangePose> poses =
       read_flange_poses(a.file, pose_format(a.pose_format), pose_unit(a.unit));
   for (const FlangePose& one : poses)
     if (!a.sensor.empty() && one.image.empty())
       throw InputError(one.where +
-                       ": no image: with --sensor and --target each row names the image "
-                       "in which the target is looked for; without them the rows are readings for "
-                       "`kincal detect RIG IMAGES --joints`; what else was measured there needs "
-                       "--rig");
+                       ": no image: with --sensor and --target each row names the image to search "
+                       "for the target; without them the rows are readings for `kincal detect RIG "
+                       "IMAGES --joints`; other measured columns need --rig");
   std::vector<Pose> all;
   for (const FlangePose& one : poses) all.push_back(one.pose);
   if (const std::string doubt = doubt_of_unit(a.file, all); !doubt.empty())
@@ -152,8 +151,8 @@ bool camera_in_hand(const ImportArguments& a) {
   const bool in_hand = std::count(hand.begin(), hand.end(), a.setup) > 0;
   if (!in_hand && !std::count(world.begin(), world.end(), a.setup))
     throw InputError(
-        (a.setup.empty() ? "--setup is missing: these are samples of hand-eye poses, and they do "
-                           "not say where the camera is. Give "
+        (a.setup.empty() ? "--setup is missing: these samples of hand-eye poses do not include the "
+                           "position of the camera. Give "
                          : "--setup: '" + a.setup + "' is neither ") +
         std::string("--setup eye_in_hand (the camera is on the flange, the board stands still) or "
                     "--setup eye_to_hand (the camera stands beside the robot, the board is on the "
@@ -171,7 +170,7 @@ int import_pairs(const ImportArguments& a, bool hand_eye) {
         "--out is missing: the folder for rig.yaml and samples.jsonl, such as --out "
         "hand_eye");
   if (!a.rig.empty())
-    throw InputError("--rig: pairs of poses get a rig of their own, in the folder --out");
+    throw InputError("--rig: pairs of poses get their own rig, in the folder --out");
   const PoseWords flange{a.pose_format, a.unit},
       measured{a.target_format.empty() && a.target_poses.empty() ? a.pose_format : a.target_format,
                a.target_unit.empty() && a.target_format.empty() ? a.unit : a.target_unit};
@@ -184,7 +183,7 @@ int import_pairs(const ImportArguments& a, bool hand_eye) {
     const std::vector<Table> tables = read_tables(a.file);
     if (a.files.size() > 1 || !has_pairs(tables))
       throw InputError(a.file + ": one pose in each row; the measured poses are expected in " +
-                       "files of their own: --target-poses FILE...");
+                       "separate files: --target-poses FILE...");
     pairs = pairs_of(tables, flange, measured, note);
   } else {
     const PoseWords other =
@@ -242,10 +241,9 @@ int import_measured(const ImportArguments& a, bool atom) {
     others = others || !option->empty();
   others = others || !a.map.empty() || !a.target_poses.empty();
   if (others)
-    throw InputError(
-        *std::find_if(a.files.begin(), a.files.end(), is_bag) +
-        " is a recording: only --rig, --out, --list, --force, --quiet and the options of "
-        "settling go with it");
+    throw InputError(*std::find_if(a.files.begin(), a.files.end(), is_bag) +
+                     " is a recording: it takes only --rig, --out, --list, --force, --quiet and "
+                     "the options for recordings");
   arguments.erase(arguments.begin() + 1, arguments.end());
   const auto give = [&](const std::string& option, const std::string& value) {
     if (!value.empty()) arguments.insert(arguments.end(), {option, value});
@@ -269,7 +267,7 @@ int import_measured(const ImportArguments& a, bool atom) {
 /// How to record what a rig needs.
 int print_record_command(const ImportArguments& a) {
   if (a.files.size() > 1 || !a.rig.empty() || !a.out.empty())
-    throw InputError("--record-command: only a rig goes with it: kincal import --record-command " +
+    throw InputError("--record-command takes only a rig: kincal import --record-command " +
                      (a.rig.empty() ? a.files[0] : a.rig));
   const RecordCommand command = record_command(read_rig(rig_path(a.files[0])));
   print_notes(command.notes);
@@ -284,7 +282,7 @@ void refuse_broken_bag(const std::string& path) {
   if (!fs::exists(path, status)) throw InputError(path + ": no such file or folder");
   if (fs::is_directory(path, status))
     throw InputError(path +
-                     ": a folder without metadata.yaml, .mcap, .db3 or .bag is no recording");
+                     ": a folder without metadata.yaml, .mcap, .db3 or .bag is not a recording");
   const std::string ending = fs::path(path).extension().string();
   if (ending == ".bag" || ending == ".mcap" || ending == ".db3")
     throw InputError(path +
@@ -315,8 +313,8 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
   }
   if (a.files.size() > 1 && a.target_poses.empty())
     throw InputError(a.file +
-                     ": of several files that are no recordings, each has one pose of the flange; "
-                     "the measured poses are expected too: --target-poses FILE...");
+                     ": several files that are not recordings must each contain one pose of the "
+                     "flange, and the measured poses are needed too: --target-poses FILE...");
   if (!a.out.empty()) say_cleared(clear_leftovers(a.out));
   const bool hand_eye = a.pose_format.empty() && a.target_poses.empty() && is_hand_eye(a.file);
   if (hand_eye || !a.target_poses.empty() || !a.setup.empty()) {
@@ -337,11 +335,10 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
     return import_poses(a);
   }
   if (a.rig.empty() != a.out.empty())
-    throw InputError(a.rig.empty()
-                         ? "--out: a rig to change is needed as well: --rig RIG; without both the "
-                           "keys are printed"
-                         : "--out: the file for the changed rig is needed; it may be the same as "
-                           "--rig, with --force");
+    throw InputError(a.rig.empty() ? "--out: a rig to change is also required: --rig RIG; without "
+                                     "both, the keys are printed"
+                                   : "--out is required: the file for the changed rig; it may be "
+                                     "the same as --rig, with --force");
   if (!a.out.empty()) check_output_file(a.out, a.force);
   if (!a.target.empty() || is_kalibr_target(a.file)) return import_target(a);
   return import_camera(a);
@@ -363,32 +360,33 @@ std::string format_lines() {
 
 void add_table_options(CLI::App& command, ImportArguments& a) {
   command
-      .add_option("--pose-format", a.pose_format,
-                  "FILE is a table of the flange's poses, as below; with --sensor and --target "
-                  "they become samples with images, without them readings for `kincal detect "
-                  "--joints`")
+      .add_option(
+          "--pose-format", a.pose_format,
+          "FILE is a table of flange poses in this format (see below); with --sensor and --target "
+          "it becomes samples with images, without them readings for `kincal detect --joints`")
       ->type_name("FORMAT");
-  command.add_option("--unit", a.unit, "m or mm, where lengths are not as below");
+  command.add_option("--unit", a.unit,
+                     "unit of lengths, m or mm, if it differs from the format's (see below)");
   command
       .add_option("--target-poses", a.target_poses,
-                  "files of the poses of the board in the camera (of the reflector in the "
-                  "tracker), as many as of the flange: pairs")
+                  "files of the poses of the board in the camera (or the reflector in the "
+                  "tracker), one for each pose of the flange")
       ->type_name("FILE");
   command
       .add_option("--target-format", a.target_format,
-                  "the format of the measured poses, where it is another than --pose-format")
+                  "format of the measured poses, if it differs from --pose-format")
       ->type_name("FORMAT");
-  command.add_option("--target-unit", a.target_unit, "m or mm, of the measurements");
+  command.add_option("--target-unit", a.target_unit, "unit of the measured poses: m or mm");
   command
-      .add_option("--map", a.map,
-                  "of tables: a column that is called differently than its joint (or than x, y, "
-                  "z, image, time, id)")
+      .add_option(
+          "--map", a.map,
+          "tables: a column whose name differs from its joint (or from x, y, z, image, time, id)")
       ->type_name("COLUMN=JOINT");
-  command.add_option("--angles", a.angles, "of tables: rad or deg, of joint readings");
+  command.add_option("--angles", a.angles, "tables: unit of joint readings, rad or deg");
   command
       .add_option("--setup", a.setup,
-                  "of samples of poses: eye_in_hand (the camera is on the flange) or eye_to_hand "
-                  "(beside the robot)")
+                  "samples of poses: eye_in_hand (the camera is on the flange) or eye_to_hand (the "
+                  "camera is beside the robot)")
       ->type_name("WHERE");
 }
 
@@ -406,48 +404,51 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
                    "camera_info YAML or message or ost.txt (ROS), camera YAML or XML (OpenCV), "
                    "camchain or target YAML (Kalibr), cameras of VINS, Basalt, mrcal, MC-Calib and "
                    "rs-enumerate-devices, samples of poses (easy_handeye, MoveIt), a data set of "
-                   "ATOM, poses of the flange or readings of joints (tables, arrays of numpy, "
-                   "matrices, lists in YAML or JSON; alone: says what it seems to be)")
+                   "ATOM, flange poses or joint readings (tables, numpy arrays, matrices, lists in "
+                   "YAML or JSON; without other options the command reports the format it detects)")
       ->required();
   command->add_option("--rig", a->rig,
-                      "the rig that gets the numbers; without it they are printed");
+                      "the rig that receives the values; without it they are printed");
   command
-      ->add_option("--sensor", a->sensor,
-                   "the camera of the rig; may be left away if it has one only")
+      ->add_option("--sensor", a->sensor, "the camera of the rig; optional if the rig has only one")
       ->type_name("NAME");
-  command->add_option("--target", a->target, "the target of the rig, for a target's file; likewise")
+  command
+      ->add_option(
+          "--target", a->target,
+          "the target of the rig, for a file of a target; optional if the rig has only one")
       ->type_name("NAME");
   command
       ->add_option(
           "--camera", a->lens.camera,
           "which camera of the file: cam0, cam1, ... (Kalibr, Basalt); 1 or 2 (M1, M2 of OpenCV)")
       ->type_name("NAME");
-  command->add_flag("--rectified", a->lens.rectified,
-                    "the images are rectified: take P of camera_info, with the baseline, in place "
-                    "of K and D");
+  command->add_flag(
+      "--rectified", a->lens.rectified,
+      "the images are rectified: use P of camera_info, with the baseline, instead of K and D");
   command->add_flag("--fisheye", a->lens.fisheye,
-                    "four numbers of distortion are those of OpenCV's fisheye");
+                    "four distortion coefficients are those of OpenCV's fisheye model");
   add_table_options(*command, *a);
-  command->add_option("--out", a->out,
-                      "the rig, or the samples, to write; of samples of poses a new folder for "
-                      "both");
+  command->add_option(
+      "--out", a->out,
+      "file for the rig or the samples; for samples of poses a new folder for both");
   command->add_flag("--force", a->force, "replace an existing file");
-  command->add_flag("--list", a->list, "of recordings: show what they have, and write nothing");
-  command->add_flag("--quiet", a->quiet, "of recordings: no progress");
+  command->add_flag("--list", a->list, "recordings: show their contents and write nothing");
+  command->add_flag("--quiet", a->quiet, "recordings: no progress");
   command->add_flag("--record-command", a->record_command,
-                    "FILE is a rig: print the lines that record what it needs, for ROS 1 and 2");
+                    "FILE is a rig: print the commands that record its topics, for ROS 1 and 2");
   a->settling_options = add_settling_options(*command, a->settling);
   command->footer(
       "Examples:\n"
-      "  kincal import camera_info.yaml                                   the keys for rig.yaml, "
-      "to copy\n"
+      "  kincal import camera_info.yaml                                   prints the keys for "
+      "rig.yaml\n"
       "  kincal import camera_info.yaml --rig rig.yaml --sensor camera --out new_rig.yaml\n"
       "  kincal import camchain.yaml --camera cam1 --rig rig.yaml --sensor right --out "
       "new_rig.yaml\n"
       "  kincal import april_6x6.yaml --rig rig.yaml --target board --out new_rig.yaml\n"
       "  kincal import poses.csv --pose-format kuka --sensor camera --target board --out "
       "samples.jsonl\n"
-      "  kincal import poses.csv                                          what it seems to be\n"
+      "  kincal import poses.csv                                          reports the detected "
+      "format\n"
       "  kincal import flange.csv --pose-format kuka --target-poses board.csv --target-format "
       "rotvec \\\n"
       "      --setup eye_in_hand --out hand_eye\n"
@@ -455,13 +456,12 @@ Command import_command(CLI::App& app, const std::vector<std::string>& arguments)
       "--angles deg --out samples.jsonl\n"
       "  kincal import my_calibration.samples --setup eye_in_hand --out hand_eye\n"
       "  kincal import recording.bag --list                               topics, rates, gaps\n"
-      "  kincal import recording.bag --rig rig.yaml --out samples.jsonl   a sample of each rest\n"
+      "  kincal import recording.bag --rig rig.yaml --out samples.jsonl   one sample per rest\n"
       "Pose formats (the columns in this order, or as the header names them):" +
       format_lines() +
-      "\n"
-      "The rig keeps its text and comments but for these keys. `kincal export` writes such files. "
-      "Exit codes: 0 written; 1 bad\n"
-      "input or usage, nothing written.");
+      "\nOnly these keys of the rig change; its other text and comments are kept. `kincal export` "
+      "writes the same formats. Exit codes: 0 written;\n"
+      "1 bad input or usage, nothing written.");
   return {command, [a, arguments] { return import_file(*a, arguments); }};
 }
 

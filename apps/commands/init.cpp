@@ -60,16 +60,14 @@ std::string beside_rig(const InitArguments& a, const std::string& file, const st
 FirstRobot first_robot(const InitArguments& a) {
   const int given = !a.urdf.empty() + !a.flange.empty() + !a.dh.empty() + !a.modified_dh.empty();
   if (given != 1)
-    throw InputError(given == 0
-                         ? "a URDF is expected, or --flange LINK for a robot that is known by "
-                           "the poses of its flange only, or a table of Denavit and Hartenberg "
-                           "(--dh, --modified-dh)"
-                         : "one robot is expected: a URDF, --flange (a robot without URDF; of one "
-                           "with a URDF name its links), --dh or --modified-dh");
+    throw InputError(
+        given == 0 ? "a URDF is expected, or --flange LINK for a robot that reports only the poses "
+                     "of its flange, or a Denavit-Hartenberg table (--dh, --modified-dh)"
+                   : "exactly one robot is expected: a URDF, --flange (for a robot without URDF; "
+                     "with a URDF use its link names instead), --dh or --modified-dh");
   if (!a.kinematics.empty() && a.urdf.empty())
-    throw InputError("--kinematics: the URDF whose joints have these origins is missing");
-  if (a.kinematics.empty() && !a.prefix.empty())
-    throw InputError("--prefix: is of --kinematics, which is missing");
+    throw InputError("--kinematics needs the URDF whose joint origins it replaces");
+  if (a.kinematics.empty() && !a.prefix.empty()) throw InputError("--prefix needs --kinematics");
   FirstRobot out;
   if (!a.flange.empty()) {
     out.urdf = robot_of_flange(a.flange);
@@ -104,12 +102,12 @@ int init(const InitArguments& a) {
   for (const std::string& warning : urdf.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (a.sensors.empty() && a.targets.empty() && a.out.empty()) {
-    std::cout << tree_table(urdf.tree) << "\nSay what looks at what, and the first rig.yaml is "
+    std::cout << tree_table(urdf.tree) << "\nGive sensors and targets, and the first rig.yaml is "
               << "written:\n--sensor " << sensor_form() << "\n--target " << kTargetForm << "\n";
     return kConverged;
   }
   if (!robot.text.empty() && a.out.empty())
-    throw InputError("--out is missing: the robot is written beside the rig");
+    throw InputError("--out is required: the robot is written beside the rig");
   if (!robot.text.empty()) check_output_file(robot.path, a.force);
   NewRig rig;
   rig.robot = robot.path;
@@ -159,25 +157,24 @@ Command init_command(CLI::App& app) {
   command->add_option("URDF", a->urdf, "the robot");
   command
       ->add_option("--flange", a->flange,
-                   "in place of a URDF: the robot is known by the poses of this link in the base "
-                   "only; [BASE:]LINK")
+                   "instead of a URDF: the robot reports only the poses of this link in the base; "
+                   "[BASE:]LINK")
       ->type_name("LINK");
   command
       ->add_option("--kinematics", a->kinematics,
-                   "of a robot of Universal Robots: its kinematics (the file of ur_calibration) "
-                   "take the place of the URDF's, in a copy beside the rig")
+                   "for Universal Robots: the kinematics file of ur_calibration replaces the "
+                   "URDF's values, in a copy beside the rig")
       ->type_name("FILE");
   command
       ->add_option("--prefix", a->prefix,
-                   "of that, where the robot has several arms: what stands before "
-                   "shoulder_pan_joint")
+                   "with --kinematics and several arms: the text before shoulder_pan_joint")
       ->type_name("TEXT");
   command
       ->add_option("--dh", a->dh,
-                   "in place of a URDF: a table of Denavit and Hartenberg (CSV: a, alpha, d, "
-                   "theta_offset, type; m, rad); the URDF is written beside the rig")
+                   "instead of a URDF: a Denavit-Hartenberg table (CSV: a, alpha, d, theta_offset, "
+                   "type; m, rad); a URDF is written beside the rig")
       ->type_name("FILE");
-  command->add_option("--modified-dh", a->modified_dh, "the same of a modified table (Craig)")
+  command->add_option("--modified-dh", a->modified_dh, "the same for a modified table (Craig)")
       ->type_name("FILE");
   command->add_option("--sensor", a->sensors, sensor_form() + "; may be repeated")
       ->allow_extra_args(false)
@@ -186,15 +183,15 @@ Command init_command(CLI::App& app) {
       ->allow_extra_args(false)
       ->type_name("TARGET");
   command
-      ->add_option(
-          "--intrinsics", a->intrinsics,
-          "FX,FY,CX,CY of the cameras in px; once for all, or once for each in their order")
+      ->add_option("--intrinsics", a->intrinsics,
+                   "FX,FY,CX,CY of the cameras in px; once for all cameras, or once per camera in "
+                   "their order")
       ->allow_extra_args(false)
       ->type_name("NUMBERS");
   command
       ->add_option("--image-size", a->image_sizes,
-                   "WIDTHxHEIGHT of the cameras in px, likewise; without --intrinsics a guess is "
-                   "made from it and marked")
+                   "WIDTHxHEIGHT of the cameras in px, likewise; without --intrinsics the "
+                   "intrinsics are guessed from it and marked")
       ->allow_extra_args(false)
       ->type_name("SIZE");
   command->add_option("--out", a->out, "file to write; default: standard output");
@@ -205,14 +202,13 @@ Command init_command(CLI::App& app) {
       "point:base_link:tracker \\\n"
       "    --target chessboard:8x11:0.01@base_link --target points:0,0,0@flange:reflector --out "
       "rig.yaml\n"
-      "Without a URDF, from poses of the flange (a target without @LINK is mounted where the "
-      "camera "
-      "is not):\n"
+      "Without a URDF, from poses of the flange (a target without @LINK is mounted on the side "
+      "without the camera):\n"
       "  kincal init --flange tool0 --sensor camera:tool0:cam --image-size 1280x960 --target "
       "chessboard:8x11:0.015:board --out rig.yaml\n"
-      "Without --sensor, --target and --out only the robot's links and joints are shown.\n"
-      "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` "
-      "frees all that could be wrong.");
+      "Without --sensor, --target and --out the command only shows the robot's links and joints.\n"
+      "The rig has no steps: `kincal calibrate rig.yaml samples.jsonl --out result` then estimates "
+      "every parameter that may be wrong.");
   return {command, [a] { return init(*a); }};
 }
 

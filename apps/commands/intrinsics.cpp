@@ -63,8 +63,8 @@ int intrinsics(const IntrinsicsArguments& a) {
     std::fprintf(stderr, "kincal: warning: %s\n", note.text.c_str());
   for (const std::string& name : names_without_parameter(rig_file, *result))
     std::fprintf(stderr,
-                 "kincal: warning: '%s' in the rig's steps means nothing with the new lens: take "
-                 "it out of rig.yaml\n",
+                 "kincal: warning: '%s' in the rig's steps has no meaning with the new lens: "
+                 "delete it from rig.yaml\n",
                  name.c_str());
   return exit_code_of(result->status);
 }
@@ -75,7 +75,8 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<IntrinsicsArguments>();
   a->command = command_line;
   CLI::App* command = app.add_subcommand(
-      "intrinsics", "Calibrate lenses and stereo from views of boards, without a robot");
+      "intrinsics",
+      "Calibrate lenses and camera poses (stereo) from views of boards, without a robot");
   command->add_option("RIG", a->rig, "rig.yaml with cameras and boards")->required();
   command
       ->add_option("SAMPLES", a->samples,
@@ -90,40 +91,41 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
     for (const LensModel& model : *lenses) models.push_back(model.name);
   command
       ->add_option("--model", a->options.model,
-                   "lens: the simplest that is not worse on samples held out (auto), each camera's "
-                   "own (rig), or a name; the number\n"
-                   "is that of the coefficients, in the order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 "
-                   "tau_x tau_y; auto does not try those of 12 and 14, unified and double_sphere")
+                   "lens model: the simplest that is not worse on held-out samples (auto), each "
+                   "camera's own (rig), or a name; the number in a name\n"
+                   "counts coefficients, in the order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x "
+                   "tau_y; auto does not try 12 and 14, unified and double_sphere")
       ->check(CLI::IsMember(models))
       ->capture_default_str();
   command
-      ->add_option("--folds", a->options.folds,
-                   "parts of the samples that are held out in turn; at most one a sample")
+      ->add_option(
+          "--folds", a->options.folds,
+          "number of parts of the samples that are held out in turn; at most one per sample")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str();
-  command->add_flag("--warp", a->options.warp,
-                    "let boards be bent (two numbers each), if that is better on samples held out");
+  command->add_flag(
+      "--warp", a->options.warp,
+      "estimate the warp of boards (two components each) if that is better on held-out samples");
   command->add_flag("--json", a->json, "print intrinsics.json instead of tables");
   command->add_flag("--force", a->force, "replace an existing result");
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->footer(
-      "Every board is taken as free, wherever the rig mounts it; cameras on one rigid body that "
-      "see a board in the same sample are\n"
-      "calibrated together, their poses relative to the first included. The rig's intrinsics may "
-      "be guesses. How to record: 15 to 30\n"
-      "views of a flat board, tilted by 20 to 45 degrees to all sides, at the distance of use, "
-      "with corners out to the edges and\n"
-      "corners of the image; one view or parallel views do not determine a focal length. The "
-      "tables show the lenses tried, values\n"
-      "with sigmas, where corners were, and how well it is known where a point appears "
-      "(docs/intrinsics.md).\n"
+      "Every board is free, wherever the rig mounts it. Cameras on one rigid body that see a board "
+      "in the same sample are\n"
+      "calibrated together, including their poses relative to the first camera. The rig's "
+      "intrinsics may be guesses.\n"
+      "Recording: 15 to 30 views of a flat board, tilted by 20 to 45 degrees to all sides, at the "
+      "distance of use, with board corners\n"
+      "out to the edges and corners of the image. One view, or parallel views, do not determine a "
+      "focal length. The tables show the\n"
+      "lens models tried, values with sigmas, the coverage of the image, and the sigma of a "
+      "projected point (docs/intrinsics.md).\n"
       "Example:\n"
       "  kincal intrinsics rig.yaml samples.jsonl --out lens && kincal calibrate lens "
-      "samples.jsonl "
-      "--out result\n"
+      "samples.jsonl --out result\n"
       "Exit codes: 0 converged; 1 bad input, nothing written; 2 the views do not determine the "
       "lens, 3 no convergence, or 5\n"
-      "the views are not of the board as the rig has it: results are written and marked; 130 "
+      "the views do not match the board of the rig: results are written and marked; 130 "
       "interrupted, nothing written.");
   return {command, [a] { return intrinsics(*a); }};
 }

@@ -51,7 +51,7 @@ int local(const LocalArguments& a) {
   line.clear();
   for (const std::string& name : local.open)
     std::fprintf(stderr,
-                 "kincal: warning: %s is absent from the rig: it was estimated from the samples\n",
+                 "kincal: warning: %s is missing in the rig: it was estimated from the samples\n",
                  name.c_str());
   if (!local.enough) {
     std::fprintf(stderr,
@@ -87,19 +87,18 @@ Command local_command(CLI::App& app, const std::string& command_line) {
       "local", "Estimate joint offsets that are valid around one posture, on top of a calibration");
   command->add_option("RIG", a->rig, "a calibrated rig.yaml, or the result directory it is in")
       ->required();
-  command
-      ->add_option("SAMPLES", a->samples, "samples.jsonl with postures around the one in question")
+  command->add_option("SAMPLES", a->samples, "samples.jsonl with postures around this one")
       ->required();
   command
       ->add_option("--near", a->near,
                    "the posture: a sample's id, a YAML or JSON file {joint: position}, or "
-                   "joint=value,joint=value (rad, m). Joints that it\n"
-                   "does not name take no part")
+                   "joint=value,joint=value (rad, m). Joints that are\n"
+                   "not named get no offset")
       ->required();
   command->add_option("--out", a->out, "file for the offsets (local.yaml)");
   command
       ->add_option("--within", a->within,
-                   "samples further away than this in any of the joints take no part (rad, m)")
+                   "samples further away than this in any of the joints are not used (rad, m)")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command->add_option("--noise", a->noise, "as in calibrate")
@@ -109,12 +108,12 @@ Command local_command(CLI::App& app, const std::string& command_line) {
   command->add_flag("--force", a->force, "replace an existing file");
   command->add_flag("--quiet", a->quiet, "no progress");
   command->footer(
-      "For a task that is always done in about the same posture (plugging in, inserting): what no "
-      "rigid model has, belts that stretch,\n"
-      "links that bend, gears out of true, is nearly constant there. The offsets are not for use "
-      "elsewhere and never go into a URDF.\n"
-      "Exit codes: 0 done, also where the calibration is as good as it is (offsets 0, `gain: "
-      "false`); 1 bad input; 2 too few samples near\n"
+      "For a task that is always done in about the same posture (plugging in, inserting): errors "
+      "that no rigid model has (stretching belts,\n"
+      "bending links, imperfect gears) are nearly constant there. Do not use the offsets "
+      "elsewhere; they never go into a URDF.\n"
+      "Exit codes: 0 done, also if the offsets give no improvement (offsets 0, `gain: false`); 1 "
+      "bad input; 2 too few samples near\n"
       "the posture, nothing written.");
   return {command, [a] { return local(*a); }};
 }

@@ -22,7 +22,7 @@ struct MonitorArguments {
 
 /// Cameras that should stand still, without a calibration.
 int monitor_still(const MonitorArguments& a) {
-  if (!a.samples.empty()) throw InputError("--static takes SAMPLES alone, and no RESULT");
+  if (!a.samples.empty()) throw InputError("--static takes only SAMPLES, no RESULT");
   if (!a.state.empty()) throw InputError("--static and --state exclude each other");
   StaticViewOptions options;
   options.samples_between_alarms = a.every;
@@ -55,10 +55,10 @@ int monitor(const MonitorArguments& a) {
   options.samples_between_alarms = a.every;
   const CalibratedFiles files = read_calibrated(a.result);
   for (const std::string& doubt : files.doubts)
-    std::fprintf(stderr,
-                 "kincal: warning: what the calibration does not explain may look like a change: "
-                 "%s\n",
-                 doubt.c_str());
+    std::fprintf(
+        stderr,
+        "kincal: warning: data that the calibration does not explain may look like a change: %s\n",
+        doubt.c_str());
   Watch watch(files, options);
   if (!a.state.empty() && file_exists(a.state)) try {
       watch.load(read_file(a.state));
@@ -97,43 +97,39 @@ int monitor(const MonitorArguments& a) {
 Command monitor_command(CLI::App& app) {
   auto a = std::make_shared<MonitorArguments>();
   CLI::App* command = app.add_subcommand(
-      "monitor", "Watch samples of a calibrated robot: how well each fits, and what has moved");
+      "monitor", "Check new samples of a calibrated robot: how well each fits, and what has moved");
   command
-      ->add_option("RESULT", a->result,
-                   "the result directory of a calibration; with --static there is none")
+      ->add_option("RESULT", a->result, "the result directory of a calibration; not with --static")
       ->required();
   command->add_option("SAMPLES", a->samples,
-                      "samples.jsonl, in the order of time; - reads standard input line by line");
+                      "samples.jsonl in the order of time; - reads standard input line by line");
   command->add_flag("--static", a->still,
-                    "kincal monitor --static SAMPLES: the cameras stand still and watch things "
-                    "that do not move; has a camera moved?");
+                    "kincal monitor --static SAMPLES: fixed cameras see things that do not move; "
+                    "detect a camera that has moved");
   command
       ->add_option("--state", a->state,
-                   "go on from this file, if it is there, and write the state to it at the end")
+                   "continue from this file if it exists, and write the state to it at the end")
       ->type_name("FILE");
-  command
-      ->add_option("--false-alarms", a->every,
-                   "so many samples lie between two false alarms, in the mean")
+  command->add_option("--false-alarms", a->every, "mean number of samples between two false alarms")
       ->check(CLI::Range(10.0, 1e9))
       ->type_name("N")
       ->capture_default_str();
   command->add_flag("--json", a->json,
-                    "print a line of JSON for every sample: {sample, state, chi2, dof, "
-                    "probability, unexplained, sensors, drift}");
-  command->add_flag("--quiet", a->quiet, "print the summary only");
+                    "print one line of JSON per sample: {sample, state, chi2, dof, probability, "
+                    "unexplained, sensors, drift}");
+  command->add_flag("--quiet", a->quiet, "print only the summary");
   command->footer(
-      "Each sample is compared with the prediction of the calibration: noise of sensors and joint "
-      "readings, and the uncertainty of\n"
-      "the calibration itself. A sample that fits as badly as one in a million is an outlier and "
-      "left out, until the next one\n"
-      "is an outlier too. What moves together is a group: the mount of a sensor or target, the "
-      "offset of a joint, the intrinsics\n"
-      "of a camera, a baseline. If one has moved it says which, how far, since when, and what else "
-      "explains it; from then on the\n"
-      "robot counts as calibrated with that change.\n"
-      "Exit codes: 0 nothing has moved; 1 bad input or usage; 5 samples in a row do not fit, and "
-      "no "
-      "single change explains them; 6 something has moved.");
+      "Each sample is compared with the prediction of the calibration, including the noise of "
+      "sensors and joint readings and the uncertainty of\n"
+      "the calibration itself. A sample with a probability below one in a million is an outlier "
+      "and is left out, unless the next one\n"
+      "is an outlier too. Parts that move together are a group: the mount of a sensor or target, "
+      "the offset of a joint, the intrinsics\n"
+      "of a camera, a baseline. If a group has moved, the output names it, how far and since when "
+      "it moved, and the alternatives. From then on\n"
+      "the robot is monitored with that change applied.\n"
+      "Exit codes: 0 nothing has moved; 1 bad input or usage; 5 consecutive samples do not fit and "
+      "no single change explains them; 6 something has moved.");
   return {command, [a] { return monitor(*a); }};
 }
 

@@ -38,7 +38,7 @@ int plan(const PlanArguments& a) {
     std::cout << plan_json(made).dump(1) << "\n";
   else if (!a.quiet)
     std::cout << plan_text(made) << made.postures.size() << " postures written to " << a.out
-              << ", in an order that is short to drive.\n";
+              << ", in an order with short moves.\n";
   return made.tolerance && made.needed < 0 ? kToleranceNotMet : kConverged;
 }
 
@@ -49,48 +49,49 @@ Command plan_command(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "plan", "Choose the postures to record next, and predict the accuracy they give");
   command->add_option("RIG", a->rig, "rig.yaml, or a result directory")->required();
-  command->add_option("SAMPLES", a->samples, "samples recorded already (default: none)");
-  command->add_option("--next", a->settings.next, "how many postures")
+  command->add_option("SAMPLES", a->samples, "samples already recorded (default: none)");
+  command->add_option("--next", a->settings.next, "number of postures")
       ->check(CLI::Range(1, 1000))
       ->type_name("K")
       ->capture_default_str();
-  command->add_option("--out", a->out, "the postures to write, JSON lines")
+  command->add_option("--out", a->out, "file for the postures, JSON lines")
       ->required()
       ->type_name("FILE");
   command
       ->add_option("--goal", a->settings.goal,
-                   "the goal: frame/LINK (its position, over the joints' limits), with a "
-                   "tolerance: 'frame/LINK<0.5mm'; names of parameters; parameters: where "
-                   "the sensors see their targets")
+                   "the goal: frame/LINK (its position over the joint limits), also with a "
+                   "tolerance: 'frame/LINK<0.5mm'; names of parameters; or `parameters`: the "
+                   "positions of the targets relative to their sensors")
       ->type_name("GOAL")
       ->capture_default_str();
-  command->add_option("--candidates", a->settings.candidates, "so many postures are chosen from")
+  command->add_option("--candidates", a->settings.candidates, "number of candidates to choose from")
       ->check(CLI::Range(10, 100000))
       ->type_name("N")
       ->capture_default_str();
   command
       ->add_option("--postures", a->postures,
-                   "choose from these (JSON lines), which are known to be safe")
+                   "choose from these postures (JSON lines), known to be safe")
       ->type_name("FILE");
   command
-      ->add_option("--clearance", a->clearance,
-                   "mm that links keep from each other; they count as the boxes around their "
-                   "shapes, and pairs that are near in the robot as it is drawn are not looked at")
+      ->add_option(
+          "--clearance", a->clearance,
+          "smallest distance between links, mm; links are checked as the boxes around their "
+          "shapes; pairs that are already close in the URDF's zero posture are not checked")
       ->check(CLI::Range(0.0, 1000.0))
       ->type_name("MM")
       ->capture_default_str();
-  command->add_flag("--no-clearance", a->no_clearance, "do not look whether links touch");
+  command->add_flag("--no-clearance", a->no_clearance, "do not check for collisions between links");
   command->add_option("--seed", a->settings.seed, "the same seed makes the same candidates")
       ->capture_default_str();
   command->add_flag("--json", a->json, "print the forecast as JSON");
   command->add_flag("--force", a->force, "replace an existing file");
   command->add_flag("--quiet", a->quiet, "print nothing");
   command->footer(
-      "Candidates are random postures in which a sensor sees a target whole, whatever the mounts "
-      "are as far as they are known.\n"
-      "Chosen are those that together make the predicted error at the goal smallest; `kincal "
-      "simulate --postures` tries them out.\n"
-      "Exit codes: 0 planned; 1 bad input or usage; 4 the tolerance is out of reach; 130 "
+      "Candidates are random postures in which a sensor sees a whole target for all mounts within "
+      "their present uncertainty.\n"
+      "The chosen ones together minimise the predicted error at the goal; `kincal simulate "
+      "--postures` tries them out.\n"
+      "Exit codes: 0 planned; 1 bad input or usage; 4 the tolerance cannot be reached; 130 "
       "interrupted, nothing written.");
   return {command, [a] { return plan(*a); }};
 }

@@ -33,7 +33,7 @@ OverviewEntry entry_of(const std::string& result, const std::string& out) {
 int write_report(const ReportArguments& a) {
   const bool one = a.results.size() == 1;
   if (!one && a.out.empty())
-    throw InputError("report: of several results --out FILE is required, e.g. --out fleet.html");
+    throw InputError("report: several results need --out FILE, e.g. --out fleet.html");
   const std::string out = a.out.empty() ? a.results[0] + "/report.html" : a.out;
   const bool own = a.out.empty();  // it is kincal's own file in a result's folder
   std::string page;
@@ -57,18 +57,18 @@ int write_report(const ReportArguments& a) {
 Command report_command(CLI::App& app) {
   auto a = std::make_shared<ReportArguments>();
   CLI::App* command = app.add_subcommand(
-      "report", "Make the page of a result again, or one that shows several results side by side");
+      "report",
+      "Write the report page of a result again, or one page that compares several results");
   command->add_option("RESULT", a->results, "result directories, as calibrate and batch write them")
       ->required()
       ->type_name("DIR");
   command->add_option("--out", a->out,
-                      "file to write; default, of one result: report.html in its folder");
+                      "file to write; default for one result: report.html in its folder");
   command->add_flag("--force", a->force, "replace an existing file");
   command->footer(
-      "The page needs nothing but a browser: no network, no server. Of several results (a fleet, "
-      "or "
-      "one robot over months) it lists\n"
-      "verdicts and errors, the worst first, and leads to the page of each.\n"
+      "The page needs only a browser: no network, no server. For several results (a fleet, or one "
+      "robot over months) it lists\n"
+      "verdicts and errors, the worst first, with a link to the page of each.\n"
       "Exit codes: 0 written; 1 bad input or usage, nothing written.");
   return {command, [a] { return write_report(*a); }};
 }

@@ -32,7 +32,7 @@ int show(const std::string& given) {
 Command show_command(CLI::App& app) {
   auto result = std::make_shared<std::string>();
   CLI::App* command =
-      app.add_subcommand("show", "Print the essentials of a result: verdict, errors, changes");
+      app.add_subcommand("show", "Print the summary of a result: verdict, errors, changes");
   command->add_option("RESULT", *result, "result directory, or its result.json")->required();
   command->footer("Exit codes: 0 printed; 1 bad input or usage.");
   return {command, [result] { return show(*result); }};

@@ -138,7 +138,7 @@ int simulate(const SimulateArguments& a) {
   for (const std::string& warning : job.warnings)
     std::fprintf(stderr, "kincal: warning: %s\n", warning.c_str());
   if (simulation.samples.empty())
-    throw InputError("simulate: no sample is left: no posture has a view that is possible");
+    throw InputError("simulate: no sample is left: no posture has a possible view");
   std::map<int, int> views;
   for (const Sample& sample : simulation.samples)
     for (const View& view : sample.views) ++views[view.sensor];
@@ -168,11 +168,11 @@ Command simulate_command(CLI::App& app) {
   auto a = std::make_shared<SimulateArguments>();
   CLI::App* command = app.add_subcommand(
       "simulate",
-      "Make samples with known truth and noise from a rig: the way to try out a set-up");
+      "Simulate samples with known true parameters and noise from a rig, to try out a setup");
   command
       ->add_option("RIG", a->rig, "rig.yaml: the nominal robot, sensors, targets and their sigmas")
       ->required();
-  command->add_option("--samples", a->samples, "how many samples")
+  command->add_option("--samples", a->samples, "number of samples")
       ->required()
       ->check(CLI::Range(1, 1000000));
   command->add_option("--seed", a->seed, "the same seed makes the same samples")
@@ -191,17 +191,17 @@ Command simulate_command(CLI::App& app) {
   command->add_option("--postures", a->postures,
                       "JSON lines with postures, views and poses of targets; default: uniform "
                       "within the joint limits");
-  CLI::Option* render = command->add_option(
-      "--render", a->render,
-      "take pictures of boards and markers too, into this folder; views get an `image` and no "
-      "pixels, for `kincal detect`");
+  CLI::Option* render =
+      command->add_option("--render", a->render,
+                          "also render images of boards and markers into this folder; views get an "
+                          "`image` and no pixels, for `kincal detect`");
   render->type_name("DIR");
   const std::vector<CLI::Option*> of_pictures = add_render_options(*command, a->look);
-  command->add_flag("--pixels", a->pixels, "with --render: pixels as well")->needs(render);
+  command->add_flag("--pixels", a->pixels, "with --render: write pixels as well")->needs(render);
   CLI::Option* bag = command->add_option(
       "--bag", a->bag,
-      "record what joints and cameras log while the robot goes from posture to posture and rests "
-      "in each: a bag of ROS 1 (NAME.bag) or ROS 2 (NAME.mcap)");
+      "write a bag of joint readings and images of a robot that moves from posture to posture and "
+      "rests in each: ROS 1 (NAME.bag) or ROS 2 (NAME.mcap)");
   bag->type_name("FILE")->excludes(render)->check(ends_as_a_bag);
   for (CLI::Option* option : add_journey_options(*command, a->journey)) option->needs(bag);
   command->add_flag("--force", a->force, "replace an existing simulation");
@@ -212,9 +212,7 @@ Command simulate_command(CLI::App& app) {
   return {command, [a, of_pictures] {
             for (const CLI::Option* option : of_pictures)
               if (option->count() > 0 && a->render.empty() && a->bag.empty())
-                throw InputError(option->get_name() +
-                                 ": is of pictures: --render or --bag takes "
-                                 "them");
+                throw InputError(option->get_name() + " needs --render or --bag");
             return simulate(*a);
           }};
 }

@@ -23,7 +23,9 @@ struct VerifyArguments {
 
 int verify_result(const VerifyArguments& a) {
   if (!a.out.empty() && file_exists(a.out + "/result.json"))
-    throw InputError(a.out + ": holds a result, which would be deleted: choose another --out");
+    throw InputError(
+        a.out +
+        ": this directory has a calibration result, which would be deleted: choose another --out");
   if (!a.out.empty()) check_output(a.out, a.force);
   const VerifiedResult result = read_verified_result(a.result);
   ProgressLine line(a.quiet || a.json);
@@ -54,46 +56,52 @@ Command verify_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<VerifyArguments>();
   a->settings.command = command_line;
   CLI::App* command = app.add_subcommand(
-      "verify", "Judge a calibrated robot by samples that its calibration has not seen");
+      "verify", "Verify a calibrated robot with samples that its calibration did not use");
   command->add_option("RESULT", a->result, "a result directory, or its result.json")->required();
-  command->add_option("SAMPLES", a->samples, "samples.jsonl of an instrument: points or poses")
+  command
+      ->add_option("SAMPLES", a->samples,
+                   "samples.jsonl of a measuring instrument: points or poses")
       ->required();
   command
       ->add_option("--tolerance", a->settings.tolerance,
-                   "on the rms error of a frame that is measured: 'frame/target/NAME<0.3mm', "
+                   "limit of the rms error of a measured frame: 'frame/target/NAME<0.3mm', "
                    "'frame/LINK<0.3mm'")
       ->type_name("TOLERANCE");
   command
       ->add_option("--standard", a->settings.standard,
-                   "what it is on: distances between postures, or positions as the calibration "
-                   "places the instrument (iso9283)")
+                   "what is compared: distances between postures, or positions in the calibrated "
+                   "frame of the instrument (iso9283)")
       ->check(CLI::IsMember(std::vector<std::string>{"distances", "iso9283"}))
       ->capture_default_str();
   command->add_flag("--refit-base", a->settings.refit_base,
-                    "the instrument was set up anew: fit where it stands to these samples");
-  command->add_option("--sensor", a->settings.sensor, "the instrument, if there are several")
+                    "the instrument was set up anew: fit its pose to these samples");
+  command
+      ->add_option("--sensor", a->settings.sensor, "name of the instrument, if there are several")
       ->type_name("NAME");
-  command->add_option("--out", a->out, "a directory for certificate.html and certificate.json")
+  command->add_option("--out", a->out, "directory for certificate.html and certificate.json")
       ->type_name("DIR");
-  command->add_option("--instrument", a->settings.instrument, "for the certificate: its name")
+  command
+      ->add_option("--instrument", a->settings.instrument,
+                   "for the certificate: name of the instrument")
       ->type_name("TEXT");
   command
       ->add_option("--environment", a->settings.environment,
-                   "for the certificate: temperature, load, ...")
+                   "for the certificate: conditions (temperature, load, ...)")
       ->type_name("TEXT");
   command
       ->add_option("--serial", a->settings.serial,
-                   "for the certificate: of the robot; default: the rig's")
+                   "for the certificate: serial number of the robot; default: the rig's")
       ->type_name("TEXT");
-  command->add_option("--measured", a->settings.measured, "for the certificate: when")
+  command->add_option("--measured", a->settings.measured, "for the certificate: date")
       ->type_name("TEXT");
   command->add_flag("--json", a->json, "print certificate.json");
   command->add_flag("--force", a->force, "replace an existing directory");
   command->add_flag("--quiet", a->quiet, "print nothing");
   command->footer(
-      "Exit codes: 0 pass, or no tolerance asked for; 1 bad input or usage, or samples that the "
-      "calibration has seen; 4 fail; 5 not\n"
-      "provable with this instrument and so many postures; 130 interrupted, nothing written.");
+      "Exit codes: 0 pass, or no tolerance given; 1 bad input or usage, or samples that the "
+      "calibration used; 4 fail; 5 not\n"
+      "provable with this instrument and this number of postures; 130 interrupted, nothing "
+      "written.");
   return {command, [a] { return verify_result(*a); }};
 }
 

@@ -38,8 +38,9 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   std::string out = "Parameters that differ most\n";
   if (poses)
     out +=
-        "  Of poses and origins: how B's frame is shifted and turned as seen from A's, along and "
-        "about A's axes;\n  xyz and rpy of both, which do not subtract, are in --json.\n";
+        "  Poses and origins: translation and rotation of B's frame relative to A's, along and "
+        "about A's axes;\n"
+        "  --json has xyz and rpy of both, which cannot be subtracted.\n";
   out += lines.empty() ? "  none\n" : align(rows, 2);
   if (lines.size() > most) out += text("  ... and %zu more with --json\n", lines.size() - most);
   if (!comparison.frames.empty()) {

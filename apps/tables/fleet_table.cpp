@@ -20,11 +20,11 @@ std::string many(size_t count, const char* what) {
 std::string family_part(const Fleet& fleet, const FleetFindings& findings,
                         const FleetOptions& options, size_t most) {
   if (!findings.family.judged)
-    return text("Nothing is said of a family: %d robots are needed, there are %zu.\n",
-                kFewestRobots, findings.robots.size());
+    return text("No comparison with a family: it needs %d robots, there are %zu.\n", kFewestRobots,
+                findings.robots.size());
   std::string out =
       text("%d of %zu robots are out of family", findings.out_of_family, findings.robots.size()) +
-      text(" (level %g: of healthy ones %.2g would be named by chance)\n", options.level,
+      text(" (level %g: about %.2g healthy robots are reported by chance)\n", options.level,
            options.level * static_cast<double>(findings.robots.size()));
   std::vector<const FleetRobot*> robots;
   for (const FleetRobot& robot : findings.robots) robots.push_back(&robot);
@@ -57,7 +57,7 @@ std::string drift_part(const Fleet& fleet, const FleetFindings& findings,
     several += robot.drift.has_value();
     if (robot.drifts()) robots.push_back(&robot);
   }
-  if (several == 0) return "Nothing is said of drift: no robot has several results.\n";
+  if (several == 0) return "No check of drift: no robot has several results.\n";
   std::stable_sort(robots.begin(), robots.end(), [](const FleetRobot* a, const FleetRobot* b) {
     return a->drift->p < b->drift->p;
   });
@@ -103,8 +103,9 @@ std::string fleet_table(const Fleet& fleet, const FleetFindings& findings,
     }
   };
   list(
-      "Made with another rig than most: what the data hardly tell may look off for that alone.\n"
-      "Calibrate them again with the rig of the others",
+      "Made with another rig than most: poorly determined parameters may differ for this reason "
+      "alone.\n"
+      "Calibrate these robots again with the rig of the others",
       fleet.other_rigs);
   list("Left out", fleet.left_out);
   return out;

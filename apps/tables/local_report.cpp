@@ -30,15 +30,16 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
     out += align(rows, 1);
     out += text("\nValid while no joint is further than %.4g from the posture", local.radius);
     out += local.ends ? "\n"
-                      : ": the furthest sample looked at. Where the gain ends is not known; if it "
-                        "never does, calibrate again\n";
+                      : ": the furthest sample used. The range of the gain was not found; if the "
+                        "gain has no limit, calibrate again\n";
   } else {
-    out += "\nNo gain: the global calibration is as good here. Offsets are 0\n";
+    out += "\nNo gain: the global calibration is equally good here. Offsets are 0\n";
   }
   if (!unknown.empty())
-    out += "\nUnknown, for no sample within " + text("%.4g", local.bandwidth) +
+    out += "\nNot determined, because no sample within " + text("%.4g", local.bandwidth) +
            " depends on them: " + unknown +
-           ".\nRecord postures around this one that they have a part in, or do not name them\n";
+           ".\n"
+           "Record postures around this one that depend on them, or do not name them\n";
   out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted "
                       "without itself)\n"
                     : "\nErrors nearby with offsets that were tried (rms, readings as they are; "

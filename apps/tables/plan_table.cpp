@@ -14,8 +14,8 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
   for (const StepPlan& p : plans) {
     int shared = 0;
     for (const Freed& f : p.free) shared += static_cast<int>(f.components.size());
-    out +=
-        text("step %s: %d shared parameters free, %d samples\n", p.name.c_str(), shared, p.samples);
+    out += text("step %s: %d shared components estimated, %d samples\n", p.name.c_str(), shared,
+                p.samples);
     out += text(
         "  %ld residuals, joint-error and prior terms - %ld unknowns (%d shared, %ld in the "
         "samples) = %ld degrees of freedom\n",
@@ -55,10 +55,10 @@ std::string readable(double v, const std::string& unit) {
 
 std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& table) {
   std::string out =
-      "The rig has no `estimate`: everything below is free. The mounts are found from the data "
-      "alone; of the groups as much\n"
-      "is believed as such numbers are usually off, which is learned from the data, beginning "
-      "with the widths shown:\n  mounts\n";
+      "The rig has no `estimate`: everything below is estimated. The mounts are determined by the "
+      "data alone; each group has a prior\n"
+      "whose width is learned from the data, starting from the width shown:\n"
+      "  mounts\n";
   for (const Freed& f : groups.mounts) out += "    " + table.all[f.parameter].name + "\n";
   for (const WidthGroup& g : groups.groups) {
     out += "  " + g.name + "\n";
@@ -67,7 +67,7 @@ std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& 
              "\n";
     for (const Member& m : g.unseen)
       out += "    " + table.name(m.component) +
-             "  no measurement depends on it: known only as well as the others of its group\n";
+             "  no measurement depends on it: its sigma comes from its group alone\n";
   }
   return out;
 }

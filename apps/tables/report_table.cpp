@@ -136,7 +136,7 @@ std::string weak_text(const Explanation& e, bool automatic) {
                : "not determined by the data";
     if (std::isfinite(w.sigma_with_priors) && w.sigma_with_priors != w.sigma)
       out += ", ± " + value(w.sigma_with_priors, unit.factor) + " " + unit.name +
-             (automatic ? " as its group is assumed to be off" : " with the prior");
+             (automatic ? " with the prior of its group" : " with the prior");
     out += "\n    why: " + w.why + "\n    cure: " + w.cure + "\n";
   }
   if (open.size() > kMost)
@@ -151,11 +151,9 @@ std::string weak_text(const Explanation& e, bool automatic) {
   for (const PriorDecides& p : e.prior_decides) priors.push_back(p.name);
   for (const Correlation& c : e.correlations)
     pairs.push_back(c.a + " with " + c.b + text(" (%+.4f)", c.correlation));
-  line(
-      "little or not told by the data, and may stay so (what their groups are assumed to be off "
-      "counts in all sigmas)",
-      bounded);
-  line(automatic ? "no better known than assumed" : "the prior decides", priors);
+  line("hardly or not determined by the data (the priors of their groups count in all sigmas)",
+       bounded);
+  line(automatic ? "no better than its prior" : "the prior decides", priors);
   line("strong correlations", pairs);
   return out.empty() ? out : "\nWeakly determined parameters\n" + out;
 }
@@ -180,8 +178,8 @@ std::string noise_text(const Report& report) {
   }
   if (out.empty()) return out;
   return (report.noise_estimated ? "\nNoise, estimated from the data\n"
-                                 : "\nNoise that is seen beside the rig's sigmas (what the model "
-                                   "lacks counts as noise; --estimate-noise)\n") +
+                                 : "\nNoise estimated from the data beside the rig's sigmas (model "
+                                   "errors count as noise; --estimate-noise)\n") +
          out;
 }
 
@@ -225,7 +223,7 @@ std::string rejected_table(const std::vector<Rejected>& rejected) {
     }
   if (rejected.size() > kMost)
     lines += text("  ... and %zu more lines in result.json\n", rejected.size() - kMost);
-  return text("Taken out as gross outliers: %zu %s, %zu %s, %zu %s\n", samples,
+  return text("Removed as gross outliers: %zu %s, %zu %s, %zu %s\n", samples,
               samples == 1 ? "sample" : "samples", views, views == 1 ? "view" : "views", points,
               points == 1 ? "point" : "points") +
          lines;
@@ -300,7 +298,7 @@ std::string mount_lines(const std::vector<MountText>& mounts, bool has_urdf) {
   std::string out;
   if (!mounts.empty())
     out += std::string("\nMounts") + (has_urdf ? " that no joint of robot.urdf has" : "") +
-           ", to be copied (changes.yaml has them too)\n";
+           ", to copy (also in changes.yaml)\n";
   for (size_t i = 0; i < std::min(mounts.size(), kMounts); ++i) {
     out += "  " + mounts[i].name + "\n    ";
     for (const char c : mounts[i].urdf + "\n" + mounts[i].ros2)
@@ -355,8 +353,8 @@ std::string report_text(const Report& report, const ResultFiles& files) {
     out += step.name + line;
   }
   if (!report.automatic.empty())
-    out +=
-        "\nWhat could be wrong (the rig has no `estimate`)\n" + automatic_table(report.automatic);
+    out += "\nGroups of parameters that may be wrong (the rig has no `estimate`)\n" +
+           automatic_table(report.automatic);
   const bool converged = report.solution.status != Status::not_converged;
   out += std::string("\nResiduals (rms") + (converged ? "" : "; a step did not converge") + ")\n" +
          residual_table(report.residuals.sensors, true) +
@@ -373,7 +371,7 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   out += "\nParameters that changed most\n" + parameter_table(report, 12);
   if (!report.solution.computed_starts.empty()) {
     out +=
-        "\nPoses that the rig leaves open (started from the data; the changes above count from "
+        "\nPoses without a value in the rig (started from the data; the changes above count from "
         "there)\n";
     std::vector<std::vector<std::string>> poses = {
         {"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};

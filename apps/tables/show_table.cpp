@@ -124,7 +124,7 @@ std::string change_table(const Field& result) {
     const std::vector<std::string> units = p["unit"].strings();
     const std::vector<double> before = p["initial"].vector(), after = p["value"].vector();
     if (before.size() != after.size() || units.size() != after.size())
-      p.fail("unit, initial and value have a number each a component");
+      p.fail("unit, initial and value have one entry per component");
     for (size_t c = 0; c < after.size(); ++c) {
       const double sigma = number_or_unknown(p["sigma"].item(c));
       if (sigma == 0) continue;  // held
@@ -219,15 +219,15 @@ std::string more_data_line(const Field& result) {
   if (!result.has("more_data")) return "";
   const Field more = result["more_data"];
   std::string out = text(
-      "More data: three times as many such samples would reduce the predicted error of the "
-      "targets' positions as the sensors see them from %.2g to %.2g mm",
+      "More data: three times as many samples like these would reduce the predicted error of the "
+      "targets' positions relative to the sensors from %.2g to %.2g mm",
       1e3 * more["error"].number(), 1e3 * more["thrice"].number());
   if (more["readings"].number() > 0)
     out += text("; one reading of the joints adds %.2g mm", 1e3 * more["readings"].number());
   out += more["worth"].boolean() ? ": worth it" : ": not worth it";
   const std::vector<std::string> open = more["open"].strings();
   for (size_t i = 0; i < open.size(); ++i)
-    out += (i ? ", " : "; such samples hardly tell ") + open[i];
+    out += (i ? ", " : "; samples like these hardly determine ") + open[i];
   return "\n" + wrapped(out + ". (`kincal plan` proposes postures.)", "", 0);
 }
 
@@ -245,7 +245,7 @@ std::string show_text(const Field& result, bool all) {
   if (result.has("findings"))
     out += some_lines("What else may be wrong", unsaid(result, "findings", false));
   out += "\n" + error_table(result) + change_table(result);
-  if (all) out += some_lines("What the data do not tell well", weak_lines(result));
+  if (all) out += some_lines("Poorly determined by the data", weak_lines(result));
   return out + some_lines("Warnings", unsaid(result, "warnings", true)) + more_data_line(result);
 }
 

@@ -10,8 +10,7 @@ std::string unfinished_text(const std::vector<Unfinished>& all, bool held_out_on
   std::string out;
   for (const Unfinished& u : all) {
     if (held_out_only && u.train) continue;
-    out += "  not converged: " + u.column +
-           (u.train ? " of training, " : " of what is held out, ") +
+    out += "  not converged: " + u.column + (u.train ? " of training, " : " of held-out data, ") +
            text("in %zu sample%s, first '", u.samples.size(), u.samples.size() == 1 ? "" : "s") +
            u.samples.front() + "'\n";
   }
@@ -57,8 +56,9 @@ std::string assumption_text(const std::vector<AutomaticGroup>& groups) {
   std::string list;
   for (size_t i = 0; i < names.size() && i < kMost; ++i) list += (i ? ", " : "") + names[i];
   if (names.size() > kMost) list += ", and " + std::to_string(names.size() - kMost) + " more";
-  return "  numbers that the data do not tell (" + list +
-         ") count with the width of their group, learned from its other members: an assumption\n";
+  return "  parameters that the data do not determine (" + list +
+         ") count with the prior width of their group, learned from its other members: an "
+         "assumption\n";
 }
 
 }  // namespace
@@ -106,8 +106,9 @@ std::string validation_table(const Report& report) {
     size_t rejected = 0;
     for (const CrossValidation::Fold& fold : c.folds) rejected += fold.rejected.size();
     if (c.reject)
-      out += text("  judged with its outliers; from the training of the folds %zu were taken out\n",
-                  rejected);
+      out +=
+          text("  tested with outliers included; %zu were removed from the training of the folds\n",
+               rejected);
     for (size_t f = 0; f < c.folds.size(); ++f) {
       const CrossValidation::Fold& fold = c.folds[f];
       const char* wrong =
@@ -151,7 +152,8 @@ std::string validation_table(const Report& report) {
       std::string held;
       for (const std::string& n : f.held) held += (held.empty() ? "" : ", ") + n;
       if (!held.empty())
-        out += "  " + f.frame + ": taken as exact, since the last step holds them: " + held + "\n";
+        out +=
+            "  " + f.frame + ": taken as exact, because the last step fixes them: " + held + "\n";
     }
     out += assumption_text(report.automatic);
   }

@@ -1,29 +1,29 @@
-/* kincal in C99: robots are calibrated from texts in memory, results are read, evaluated and
- * watched. docs/c.md shows how, by tasks; docs/formats.md has the formats and the options.
+/* kincal in C99: calibrates robots from texts in memory, and reads, evaluates and monitors results.
+ * docs/c.md shows the use, by tasks; docs/formats.md has the formats and the options.
  *
- * Handles are opaque. A function that makes one writes it only if it succeeds, and the handle is
- * freed by the ..._free() of its type, which takes NULL. A call that fails changes nothing: neither
- * what its handles hold nor what it would have written (but for `needed`).
+ * Handles are opaque. A function that creates a handle writes it only on success. Release it with
+ * the ..._free() of its type, which accepts NULL. A call that fails changes neither its handles nor
+ * its outputs (except `needed`).
  *
- * Functions return KINCAL_OK or why not, and fill in `error`, if it is not NULL. Nothing is thrown,
- * printed, or written to files, and there is no state beside the handles. One file may be read: an
- * intrinsics.json beside a rig with priors, where the rig is called by a path, says whether its
- * lenses come from the same samples.
+ * Functions return KINCAL_OK or a kind of error, and fill in `error` if it is not NULL. They throw,
+ * print and write no files, and there is no state outside the handles. One file may be read: if the
+ * name of a rig with priors is a path, the intrinsics.json beside it decides whether its lenses
+ * come from the same samples.
  *
- * Structs begin with their size, which the caller sets to sizeof. Later versions add members behind
- * the last one, so programs need not be compiled again; a struct that is smaller than that of this
- * first version is neither read nor written: KINCAL_USAGE.
+ * Structs begin with their size, which the caller sets to sizeof. Later versions append members, so
+ * programs need not be compiled again. A struct smaller than in this first version is neither read
+ * nor written: KINCAL_USAGE.
  *
- * Texts are UTF-8 and end with a 0; those of files have a length instead. A `const char*` that is
- * returned lives as long as the handle. Buffers: `needed` (may be NULL) becomes how many bytes, or
- * numbers, there are. With a NULL buffer of size 0 that is all; one that is too small is left
- * alone: KINCAL_TOO_SMALL.
+ * Texts are UTF-8 and end with a 0; texts of files have a length instead. A returned `const char*`
+ * is valid as long as the handle. Buffers: `needed` (may be NULL) receives the number of bytes or
+ * values. With a NULL buffer of size 0 nothing else happens; a buffer that is too small is not
+ * written: KINCAL_TOO_SMALL.
  *
  * Units are m, rad and px; frames and names are those of the rig's files.
  *
- * Threads. [any]: at any time, by any thread. [shared]: several threads may use one handle at once,
- * as long as none frees it. [one]: one thread at a time uses a handle. Different handles have
- * nothing in common. */
+ * Threads. [any]: any thread may call at any time. [shared]: several threads may use one handle at
+ * once while none frees it. [one]: one thread at a time may use a handle. Different handles are
+ * independent. */
 #ifndef KINCAL_H
 #define KINCAL_H
 
@@ -46,20 +46,19 @@ enum {
   KINCAL_OK = 0,
   KINCAL_INPUT = 1,     /* an argument is wrong: a text, a name, a number, an option */
   KINCAL_USAGE = 2,     /* the call is wrong: NULL, the size of a struct, an index */
-  KINCAL_TOO_SMALL = 3, /* the buffer is; `needed` says how large it has to be */
+  KINCAL_TOO_SMALL = 3, /* the buffer is; `needed` has the required size */
   KINCAL_NUMERICAL = 4, /* no calibration can start, or its result cannot be written exactly */
-  KINCAL_CANCELLED = 5, /* the listener asked for it */
+  KINCAL_CANCELLED = 5, /* the listener requested it */
   KINCAL_MEMORY = 6,
   KINCAL_INTERNAL = 7 /* a mistake of kincal */
 };
 
-/* The error, and its place as far as that is known: the name of the text and the line in it, and
- * the name of the field ("views[0].ids"), option ("free") or argument. Texts that are longer are
- * cut. */
+/* The error, and its place if it is known: the name of the text and the line in it, and the name of
+ * the field ("views[0].ids"), option ("free") or argument. Longer texts are truncated. */
 typedef struct kincal_error {
   size_t size;
   kincal_status status;
-  int32_t line; /* from 1; 0: not known */
+  int32_t line; /* from 1; 0: unknown */
   char message[2048];
   char file[512];
   char name[256];
@@ -69,7 +68,7 @@ typedef struct kincal_error {
     sizeof(kincal_error), 0, 0, {0}, {0}, { 0 } \
   }
 
-/* The text of a file: `size` bytes, and the name that messages call it by. */
+/* The text of a file: `size` bytes, and its name in messages. */
 typedef struct kincal_text {
   const char* data;
   size_t size;
@@ -83,7 +82,8 @@ KINCAL_API const char* kincal_version(void);
  * A problem is a rig, its robot, and samples, read and checked. */
 typedef struct kincal_problem kincal_problem;
 
-/* Reads a rig.yaml, a URDF (NULL: the rig knows its robot by its flange) and a samples.jsonl. [any]
+/* Reads a rig.yaml, a URDF (NULL: the rig's robot reports only flange poses) and a samples.jsonl.
+ * [any]
  */
 KINCAL_API kincal_status kincal_problem_new(const kincal_text* rig, const kincal_text* urdf,
                                             const kincal_text* samples, kincal_problem** problem,
@@ -106,17 +106,17 @@ KINCAL_API const char* kincal_problem_name(const kincal_problem* problem, int32_
                                            size_t index);
 
 /* ---------------------------------------------------------------------------- calibration */
-/* How far the work is. */
+/* The progress of the work. */
 typedef struct kincal_news {
   size_t size;
   const char* what;  /* the stage, or the step; it lives until the listener returns */
-  double share;      /* of the stage that is done; NaN: that cannot be told */
+  double share;      /* completed share of the stage; NaN: unknown */
   double chi2;       /* after that iteration, else NaN */
   int32_t iteration; /* that ended; 0: a step begins; -1: it is a stage */
   int32_t reserved;
 } kincal_news;
-/* Is called by one thread at a time, which may be another than the caller's; it returns 0, or else
- * the work is given up: KINCAL_CANCELLED. It must not throw, nor leave by longjmp. */
+/* Called by one thread at a time, possibly not the caller's. It returns 0, or any other value to
+ * cancel the work: KINCAL_CANCELLED. It must not throw, nor leave by longjmp. */
 typedef int32_t (*kincal_listener)(const kincal_news* news, void* user);
 typedef struct kincal_progress {
   size_t size;
@@ -124,12 +124,12 @@ typedef struct kincal_progress {
   void* user;
 } kincal_progress;
 
-/* A result is a calibration: the texts of its files, and what stands in them. */
+/* A result is a calibration: the texts of its files, and their contents. */
 typedef struct kincal_result kincal_result;
 
 /* Calibrates as `kincal calibrate` and kincal.calibrate() in Python do, with their options:
  * `settings` is a JSON mapping, "{\"noise\": \"point\", \"free\": [\"joint/NAME/offset\"]}", or
- * NULL. How well it ended is no error: kincal_result_summary() has it. `progress` may be NULL.
+ * NULL. A bad result is not an error: see kincal_result_summary(). `progress` may be NULL.
  * [shared] */
 KINCAL_API kincal_status kincal_calibrate(const kincal_problem* problem, const char* settings,
                                           const kincal_progress* progress, kincal_result** result,
@@ -147,7 +147,7 @@ typedef struct kincal_summary {
   size_t size;
   double chi2; /* NaN: there is none */
   int64_t dof;
-  size_t components; /* that were estimated */
+  size_t components; /* estimated */
   size_t rows;       /* of the covariance; 0: there is none */
   char status[32];   /* converged, unobservable, not_converged, unexplained */
   char use[16];      /* whether to use it: good, doubts, no */
@@ -156,20 +156,20 @@ typedef struct kincal_summary {
 KINCAL_API kincal_status kincal_result_summary(const kincal_result* result, kincal_summary* summary,
                                                kincal_error* error);
 
-/* The name of a file of the result that is there, by index; NULL beyond the last one. [shared] */
+/* The name of an existing file of the result, by index; NULL beyond the last one. [shared] */
 KINCAL_API const char* kincal_result_file_name(const kincal_result* result, size_t index);
-/* The text of a file, as `kincal calibrate --out` writes it, with a 0 behind it, which counts in
- * `size` and `needed`. report.html is made by each call. [shared] */
+/* The text of a file, as `kincal calibrate --out` writes it, with a final 0, which counts in
+ * `size` and `needed`. report.html is created by each call. [shared] */
 KINCAL_API kincal_status kincal_result_file(const kincal_result* result, const char* name,
                                             char* buffer, size_t size, size_t* needed,
                                             kincal_error* error);
 
-/* A number that was estimated. Those of poses are increments [x y z rx ry rz] from the rig's pose.
+/* An estimated component. Those of poses are increments [x y z rx ry rz] from the rig's pose.
  */
 typedef struct kincal_component {
   size_t size;
   double initial, value;
-  double sigma; /* NaN: not determined; 0: held */
+  double sigma; /* NaN: not determined; 0: fixed */
   int64_t row;  /* of the covariance; -1: none */
   char name[256];
   char unit[16];
@@ -177,46 +177,46 @@ typedef struct kincal_component {
 /* [shared] */
 KINCAL_API kincal_status kincal_result_component(const kincal_result* result, size_t index,
                                                  kincal_component* component, kincal_error* error);
-/* The covariance, rows x rows numbers row by row; NaN: not determined. Some rows may be of numbers
- * that are held, which no component has. [shared] */
+/* The covariance, rows x rows values row by row; NaN: not determined. Some rows may belong to fixed
+ * parameters without a component. [shared] */
 KINCAL_API kincal_status kincal_result_covariance(const kincal_result* result, double* buffer,
                                                   size_t count, size_t* needed,
                                                   kincal_error* error);
 
 /* As kincal_problem_name(). [shared] */
 KINCAL_API const char* kincal_result_name(const kincal_result* result, int32_t kind, size_t index);
-/* The pose of a frame seen from `base` (NULL: the rig's base), of the calibrated robot, links that
- * bend and all: a 4 x 4 matrix, row by row. `readings` are in the order of KINCAL_JOINTS; NaN: not
- * known, of a joint that moves neither. [shared] (7 parameters because C has no spans.) */
+/* The pose of a frame relative to `base` (NULL: the rig's base), for the calibrated robot including
+ * bending: a 4 x 4 matrix, row by row. `readings` are in the order of KINCAL_JOINTS; NaN: unknown,
+ * for a joint that moves neither. [shared] (7 parameters because C has no spans.) */
 KINCAL_API kincal_status kincal_result_forward(const kincal_result* result, const double* readings,
                                                size_t count, const char* frame, const char* base,
                                                double pose[16], kincal_error* error);
 
-/* Readings with which a robot that bends, or has error curves, is where robot.urdf would be at
+/* Readings that move a robot that bends, or has error curves, to the pose that robot.urdf has at
  * `planned`. */
 typedef struct kincal_compensation {
   size_t size;
-  const char* tip;           /* the frame that is to be there */
-  const char* base;          /* seen from what stands still; NULL: the only such sensor or target */
-  const double* planned;     /* in the order of KINCAL_JOINTS; NaN: not known */
-  double* readings;          /* becomes the answer; may be `planned` */
-  size_t count;              /* of both */
-  double position, rotation; /* become the remaining errors, m and rad */
-  int32_t position_only;     /* not 0: how the tip is turned does not matter */
+  const char* tip;       /* the frame that must reach the pose */
+  const char* base;      /* a stationary reference frame; NULL: the only such sensor or target */
+  const double* planned; /* in the order of KINCAL_JOINTS; NaN: unknown */
+  double* readings;      /* receives the result; may be `planned` */
+  size_t count;          /* of both */
+  double position, rotation; /* receive the remaining errors, m and rad */
+  int32_t position_only;     /* not 0: ignore the orientation of the tip */
   int32_t reserved;
 } kincal_compensation;
-/* KINCAL_INPUT where robot.urdf has all that was found. [shared] */
+/* KINCAL_INPUT if robot.urdf has the whole calibration. [shared] */
 KINCAL_API kincal_status kincal_result_compensate(const kincal_result* result,
                                                   kincal_compensation* compensation,
                                                   kincal_error* error);
 
-/* A problem of the calibrated rig with other samples, to be evaluated. [shared] */
+/* A problem of the calibrated rig with other samples, for an evaluation. [shared] */
 KINCAL_API kincal_status kincal_result_problem(const kincal_result* result,
                                                const kincal_text* samples, kincal_problem** problem,
                                                kincal_error* error);
 
 /* ---------------------------------------------------------------------------- evaluation
- * An answer is what was found without calibrating, as JSON. */
+ * An answer is a result without a calibration, as JSON. */
 typedef struct kincal_answer kincal_answer;
 
 /* Residuals at the rig's own values, as `kincal evaluate --json`. Options: noise, free. [shared] */
@@ -234,22 +234,22 @@ KINCAL_API kincal_status kincal_answer_json(const kincal_answer* answer, char* b
                                             size_t* needed, kincal_error* error);
 
 /* ---------------------------------------------------------------------------- monitor
- * A monitor is shown the samples of a calibrated robot one at a time and says how well each fits,
- * and whether something has moved since (docs/on-a-robot.md). */
+ * A monitor receives the samples of a calibrated robot one at a time and reports how well each
+ * fits, and whether something has moved since the calibration (docs/on-a-robot.md). */
 typedef struct kincal_monitor kincal_monitor;
 
 typedef struct kincal_monitor_options {
   size_t size;
-  double samples_between_alarms; /* in the mean, while nothing has moved; at least 10 */
+  double samples_between_alarms; /* mean number while nothing has moved; at least 10 */
 } kincal_monitor_options;
 
-/* What one sensor measured of one target, in the rig's units. */
+/* One sensor's measurement of one target, in the rig's units. */
 typedef struct kincal_view {
   int32_t sensor, target; /* indices of KINCAL_SENSORS and KINCAL_TARGETS */
   const int32_t* ids; /* of the target's points; none where the sensor measures poses, all 0 of a
                          plane */
   size_t ids_count;
-  const double* z; /* the numbers of each point in its order (camera: u v; stereo, point, ...: as in
+  const double* z; /* the values of each point in its order (camera: u v; stereo, point, ...: as in
                       samples.jsonl); a pose: x y z qx qy qz qw; of a chain none */
   size_t z_count;
   const double* sigma; /* NULL: the rig's; else as many as the sensor has */
@@ -268,24 +268,24 @@ typedef struct kincal_sample {
 /* States of a sample. */
 enum {
   KINCAL_FITS = 0,
-  KINCAL_OUTLIER = 1,       /* left out until others do not fit either */
-  KINCAL_TELLS_NOTHING = 2, /* no view has more measurements than unknowns of its own */
-  KINCAL_UNDEFINED = 3      /* nothing can be computed of it; `why` says why */
+  KINCAL_OUTLIER = 1,       /* left out unless the following ones do not fit either */
+  KINCAL_TELLS_NOTHING = 2, /* no view has more measurements than its own unknowns */
+  KINCAL_UNDEFINED = 3      /* it cannot be evaluated; see `why` */
 };
 typedef struct kincal_innovation {
   size_t size;
   int32_t state;
-  int32_t alarm;       /* 1: something has moved; kincal_monitor_moved() says what */
-  int32_t unexplained; /* 1: outliers in a row, and nothing that moved explains them */
+  int32_t alarm;       /* 1: something has moved; see kincal_monitor_moved() */
+  int32_t unexplained; /* 1: consecutive outliers that no moved group explains */
   int32_t reserved;
   double chi2, dof;
-  double probability; /* of the sensor that fits worst */
+  double probability; /* of the sensor with the worst fit */
   double log_odds;
-  size_t sensors; /* that kincal_monitor_sensor() knows of it */
+  size_t sensors; /* number of sensors for kincal_monitor_sensor() */
   char why[256];
 } kincal_innovation;
 
-/* Begins at a result, which has a covariance. `options` may be NULL: 10000 samples. [shared] */
+/* Starts from a result with a covariance. `options` may be NULL: 10000 samples. [shared] */
 KINCAL_API kincal_status kincal_monitor_new(const kincal_result* result,
                                             const kincal_monitor_options* options,
                                             kincal_monitor** monitor, kincal_error* error);
@@ -295,27 +295,27 @@ KINCAL_API void kincal_monitor_free(kincal_monitor* monitor);
 KINCAL_API const char* kincal_monitor_name(const kincal_monitor* monitor, int32_t kind,
                                            size_t index);
 
-/* Shows it a sample. Robots with floating joints, and sigmas of single readings, need
+/* Adds a sample. Robots with floating joints, and sigmas of single readings, need
  * kincal_monitor_add_json(). [one] */
 KINCAL_API kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* sample,
                                             kincal_innovation* innovation, kincal_error* error);
-/* The same of one line of a samples.jsonl. [one] */
+/* The same for one line of a samples.jsonl. [one] */
 KINCAL_API kincal_status kincal_monitor_add_json(kincal_monitor* monitor, const kincal_text* sample,
                                                  kincal_innovation* innovation,
                                                  kincal_error* error);
 
-/* How one sensor fits, given what all others saw. */
+/* The fit of one sensor, given the measurements of all others. */
 typedef struct kincal_sensor_innovation {
   size_t size;
   size_t sensor;
   double chi2, dof, probability;
 } kincal_sensor_innovation;
-/* Of the sample that was shown last. [one] */
+/* For the last sample added. [one] */
 KINCAL_API kincal_status kincal_monitor_sensor(const kincal_monitor* monitor, size_t index,
                                                kincal_sensor_innovation* sensor,
                                                kincal_error* error);
 
-/* A group that may have moved, and one number of it. */
+/* A group that may have moved, and one of its components. */
 typedef struct kincal_moved {
   size_t size;
   size_t group; /* of KINCAL_GROUPS */
@@ -329,9 +329,9 @@ typedef struct kincal_change {
   char name[256];
   char unit[16];
 } kincal_change;
-/* Finds what may have moved, the likeliest first, in some milliseconds: `count` groups, with their
- * probabilities if something has (it is asked after an alarm); none before the first sample. They
- * are kept until the next sample or restart. [one] */
+/* Finds the groups that may have moved, the likeliest first, in some milliseconds: `count` groups,
+ * with their probabilities if something has moved (call it after an alarm); none before the first
+ * sample. They are kept until the next sample or restart. [one] */
 KINCAL_API kincal_status kincal_monitor_find(kincal_monitor* monitor, size_t* count,
                                              kincal_error* error);
 /* [one] */
@@ -341,15 +341,15 @@ KINCAL_API kincal_status kincal_monitor_moved(const kincal_monitor* monitor, siz
 KINCAL_API kincal_status kincal_monitor_change(const kincal_monitor* monitor, size_t moved,
                                                size_t index, kincal_change* change,
                                                kincal_error* error);
-/* Counts changes from now on. With `accept` (not 0) the likeliest one has happened: the monitor
- * contains it from now on. [one] */
+/* Detects changes from now on. With `accept` (not 0) the likeliest change is applied to the monitor
+ * first. [one] */
 KINCAL_API kincal_status kincal_monitor_restart(kincal_monitor* monitor, int32_t accept,
                                                 kincal_error* error);
 
-/* A kind of noise that was seen, over the stated one. */
+/* An observed noise over the stated one. */
 typedef struct kincal_noise {
   size_t size;
-  int64_t sensor;  /* -1: of the readings of a joint */
+  int64_t sensor;  /* -1: the readings of a joint */
   char joint[256]; /* its name, else empty */
   char part[32];   /* of the sensor's noise, where it has several; else empty */
   double factor, residuals;
@@ -360,8 +360,8 @@ KINCAL_API kincal_status kincal_monitor_noise(const kincal_monitor* monitor, siz
 
 typedef struct kincal_counts {
   size_t size;
-  int64_t samples, outliers; /* that were shown, and of these */
-  size_t noise;              /* kinds of noise that were seen */
+  int64_t samples, outliers; /* added, and the outliers among them */
+  size_t noise;              /* kinds of observed noise */
 } kincal_counts;
 /* [one] */
 KINCAL_API kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts* counts,
@@ -370,8 +370,8 @@ KINCAL_API kincal_status kincal_monitor_counts(const kincal_monitor* monitor, ki
 /* Its state as bytes; buffers as of kincal_result_file(). [one] */
 KINCAL_API kincal_status kincal_monitor_save(const kincal_monitor* monitor, char* buffer,
                                              size_t size, size_t* needed, kincal_error* error);
-/* Goes on from there. KINCAL_INPUT, and nothing has changed, where the bytes are damaged, of
- * another version, or of another calibration. [one] */
+/* Continues from saved bytes. KINCAL_INPUT, without a change, if the bytes are damaged, of another
+ * version, or of another calibration. [one] */
 KINCAL_API kincal_status kincal_monitor_load(kincal_monitor* monitor, const char* bytes,
                                              size_t count, kincal_error* error);
 
@@ -382,44 +382,45 @@ typedef struct kincal_static_view kincal_static_view;
 
 typedef struct kincal_static_options {
   size_t size;
-  double samples_between_alarms; /* in the mean, while nothing moves; at least 10 */
-  int32_t learning;              /* samples that say where everything is; at least 3 */
+  double samples_between_alarms; /* mean number while nothing moves; at least 10 */
+  int32_t learning;              /* samples that define the reference positions; at least 3 */
   int32_t reserved;
 } kincal_static_options;
 typedef struct kincal_static_innovation {
   size_t size;
-  int32_t learning; /* 1: nothing is said of it */
-  int32_t alarm;    /* 1: something has moved; kincal_static_view_moved() says what */
+  int32_t learning; /* 1: still learning, not tested */
+  int32_t alarm;    /* 1: something has moved; see kincal_static_view_moved() */
   double chi2, dof;
-  double probability; /* of the point that fits worst */
-  double largest;     /* distance of a point from where it was, px */
+  double probability; /* of the point with the worst fit */
+  double largest;     /* largest distance of a point from its reference, px */
   double log_odds;
-  size_t left_out; /* points that were found wrongly */
+  size_t left_out; /* points left out as outliers */
 } kincal_static_innovation;
 typedef struct kincal_static_moved {
   size_t size;
   int64_t point; /* -1: the camera */
   int64_t since; /* sample, counted from 0 */
   double probability;
-  double shift[2], sigma[2]; /* px; of the camera in the middle of all points */
+  double shift[2], sigma[2]; /* px; for the camera at the centre of all points */
   double largest;            /* px, of any point */
 } kincal_static_moved;
 
-/* `points`: how many there are; not every picture needs all. `options` may be NULL: 10000 and 10.
+/* `points`: their number; an image need not have all. `options` may be NULL: 10000 and 10.
  * [any] */
 KINCAL_API kincal_status kincal_static_view_new(size_t points, const kincal_static_options* options,
                                                 kincal_static_view** view, kincal_error* error);
 /* [one] */
 KINCAL_API void kincal_static_view_free(kincal_static_view* view);
-/* Shows it a picture: indices of `count` points, and u v of each. [one] */
+/* Adds an image: indices of `count` points, and u v of each. [one] */
 KINCAL_API kincal_status kincal_static_view_add(kincal_static_view* view, const int32_t* points,
                                                 const double* pixels, size_t count,
                                                 kincal_static_innovation* innovation,
                                                 kincal_error* error);
-/* What may have moved, by index, the likeliest first; KINCAL_USAGE beyond the last one. [shared] */
+/* The points or camera that may have moved, by index, the likeliest first; KINCAL_USAGE beyond the
+ * last one. [shared] */
 KINCAL_API kincal_status kincal_static_view_moved(const kincal_static_view* view, size_t index,
                                                   kincal_static_moved* moved, kincal_error* error);
-/* Learns where everything is from the next pictures, beginning with the last one. [one] */
+/* Learns the reference positions from the next images, starting with the last one. [one] */
 KINCAL_API kincal_status kincal_static_view_restart(kincal_static_view* view, kincal_error* error);
 
 #ifdef __cplusplus

@@ -57,7 +57,7 @@ void check_view(const Rig& rig, const View& view, const std::string& where) {
     if (id < 0 || id >= target.count())
       throw InputError(where + "ids: '" + target.name + "' has no point " + std::to_string(id));
     if (!plane && seen[static_cast<size_t>(id)])
-      throw InputError(where + "ids: point " + std::to_string(id) + " stands twice");
+      throw InputError(where + "ids: point " + std::to_string(id) + " occurs twice");
     seen[static_cast<size_t>(id)] = 1;
   }
 }

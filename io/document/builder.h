@@ -90,7 +90,7 @@ class Builder {
     for (const auto& [name, value] : mapping.members)
       if (!seen.insert(name).second)
         throw InputError(place(path_, value.line, value.column) + "key '" + name +
-                         "' stands twice");
+                         "' occurs twice");
   }
 
   const std::string& path_;

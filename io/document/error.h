@@ -5,8 +5,8 @@
 
 namespace kincal {
 
-/// An InputError is something wrong in the user's input; the text has where (file:line), which
-/// field, what is valid.
+/// An InputError is a mistake in the user's input; its text has the place (file:line), the field,
+/// and the valid values.
 class InputError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

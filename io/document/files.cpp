@@ -275,7 +275,7 @@ void check_output(const std::string& directory, bool force) {
   std::string other;
   if (!holds_only_results(name, &other))
     throw InputError(directory + ": holds " + other +
-                     ", which is no file of kincal's and would be deleted: move it away or choose "
+                     ", which is not a file of kincal and would be deleted: move it away or choose "
                      "another --out");
 }
 

@@ -327,7 +327,7 @@ void for_each_json_line(const std::string& text, const std::string& path,
     }
     const auto [first, is_new] = lines.emplace(id, line);
     if (!is_new)
-      top(node, path)["id"].fail("'" + id + "' stands already in line " +
+      top(node, path)["id"].fail("'" + id + "' is already in line " +
                                  std::to_string(first->second) +
                                  ": leave one of them out, or give it another id");
   }

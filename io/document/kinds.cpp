@@ -54,13 +54,13 @@ std::optional<Likeness> no_text(std::string_view text) {
       {"\x28\xB5\x2F\xFD"sv, "this is a compressed file (zstd)", "uncompress it first: unzstd"},
       {"PK\3\4"sv, "this is a zip archive (numpy's .npz is one, too)", "unpack it first: unzip"},
       {"\x93NUMPY"sv, "this is an array of numpy",
-       "write what was measured in it as samples.jsonl, one JSON object a line"},
+       "write its measurements as samples.jsonl, one JSON object per line"},
       {"\x89PNG"sv, "this is an image (PNG)", kImages},
       {"\xFF\xD8\xFF"sv, "this is an image (JPEG)", kImages},
-      {"#ROSBAG"sv, "this is a ROS bag", "write what was measured in it as samples.jsonl"},
+      {"#ROSBAG"sv, "this is a ROS bag", "write its measurements as samples.jsonl"},
       {"SQLite format 3"sv, "this is a database (of a ROS 2 bag?)",
-       "write what was measured in it as samples.jsonl"},
-      {"\x89MCAP"sv, "this is a bag (MCAP)", "write what was measured in it as samples.jsonl"},
+       "write its measurements as samples.jsonl"},
+      {"\x89MCAP"sv, "this is a bag (MCAP)", "write its measurements as samples.jsonl"},
       {"\xFF\xFE"sv, "this is a text in UTF-16", "save it as UTF-8"},
       {"\xFE\xFF"sv, "this is a text in UTF-16", "save it as UTF-8"},
   };
@@ -109,7 +109,7 @@ std::optional<Likeness> json(std::string_view text) {
   if (begins(text, "[")) {
     const size_t inside = text.find_first_not_of(" \t\r\n", 1);
     if (inside == std::string_view::npos || text[inside] != '{') return std::nullopt;
-    return Likeness{"this is a JSON list", "write each of it on a line of its own: jq -c '.[]'",
+    return Likeness{"this is a JSON list", "write each element on its own line: jq -c '.[]'",
                     std::nullopt};
   }
   if (!begins(text, "{")) return std::nullopt;
@@ -121,11 +121,11 @@ std::optional<Likeness> json(std::string_view text) {
     return Likeness{"this is a truth.json", "", Wanted::truth};
   if (const std::string list = list_in(text); !list.empty())
     return Likeness{"this is one JSON object around a list ('" + list + "')",
-                    "write each of the list on a line of its own: jq -c '." + list + "[]'",
+                    "write each element of the list on its own line: jq -c '." + list + "[]'",
                     std::nullopt};
   if (!spread(text)) return std::nullopt;
-  return Likeness{"this is JSON over several lines",
-                  "write each sample on a line of its own: jq -c .", std::nullopt};
+  return Likeness{"this is JSON over several lines", "write each sample on its own line: jq -c .",
+                  std::nullopt};
 }
 
 /// Numbers with blanks between them, two at least.
@@ -250,7 +250,7 @@ std::string cure_of(const Likeness& looks, Wanted wanted) {
   if (looks.is == Wanted::rig && wanted == Wanted::foreign)
     return "give the other program's file, and the rig as --rig";
   if (wanted == Wanted::foreign && has(looks.what, "CSV"))
-    return "if its rows are poses, say how: --pose-format";
+    return "if its rows are poses, give their format: --pose-format";
   if (lines && has(looks.what, "CSV"))
     return R"(write each row as {"id": "...", "joints": {...}, "views": [...]})";
   return "";

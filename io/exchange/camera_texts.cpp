@@ -173,7 +173,7 @@ std::optional<Node> camera_text(const std::string& text, const std::string& path
     throw InputError(
         path +
         ": this is a text of the Camera Calibration Toolbox for MATLAB, which kincal does not "
-        "read; write its numbers into the rig yourself: model: brown_conrady, intrinsics: [fc(1), "
+        "read; write its values into the rig yourself: model: brown_conrady, intrinsics: [fc(1), "
         "fc(2), cc(1), cc(2)], distortion: kc as it is (k1 k2 p1 p2 k3), image_size: [nx, ny]. Its "
         "skew alpha_c must be 0: calibrate with est_alpha = 0");
   return std::nullopt;

@@ -65,7 +65,7 @@ std::string camchain(const Rig& rig, const std::vector<const Sensor*>& cameras,
     const std::optional<Pose> links = fixed_pose(rig.tree, camera.link, last.link);
     if (!links || !camera.pose_given || !last.pose_given)
       notes.push_back(
-          "T_cn_cnm1 of cam" + std::to_string(i) + " is left away: " + last.name + " and " +
+          "T_cn_cnm1 of cam" + std::to_string(i) + " is left out: " + last.name + " and " +
           camera.name +
           (links ? " have no poses in the rig. Give the first camera one (any, such as pose: "
                    "{xyz: [0, 0, 0]}), and `kincal intrinsics` or `calibrate` writes "
@@ -174,7 +174,7 @@ void check_options(const ExportOptions& o) {
   if (is_among(robot_formats(), o.format) && !o.sensors.empty())
     throw InputError("--sensor: " + o.format + " has no sensors");
   if (o.child.empty() && !o.known.empty())
-    throw InputError("--known: says where the sensor is in the link of --child, which is missing");
+    throw InputError("--known needs --child: it is the pose of the sensor in that link");
   if (o.format == "poses" && o.pose_format.empty()) {
     Names names;
     for (const PoseFormat& one : pose_formats()) names.push_back(one.name);

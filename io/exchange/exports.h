@@ -16,7 +16,7 @@ struct ExportedFile {
   std::vector<std::string> notes;  // what of the rig it does not hold
 };
 
-/// ExportOptions say what of a calibration is written, as the options of `kincal export`.
+/// ExportOptions select the parts of a calibration to write, as the options of `kincal export`.
 struct ExportOptions {
   std::string format;                // one of export_formats()
   std::vector<std::string> sensors;  // none: all that the format can hold
@@ -28,9 +28,8 @@ struct ExportOptions {
   std::string motors = "feetech";    // of lerobot; or dynamixel
 };
 
-/// Writes a calibration in the format of another program.
-/// @throws InputError: an unknown format or sensor; a rig that lacks what the format needs; options
-/// of other formats
+/// Writes a calibration in the format of another program. @throws InputError: an unknown format or
+/// sensor; a rig without data that the format needs; options of other formats
 ExportedFile export_calibrated(const CalibratedFiles& files, const ExportOptions& options);
 
 }  // namespace kincal

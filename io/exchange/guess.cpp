@@ -89,12 +89,13 @@ std::string table_text(const Table& table, const std::vector<const PoseFormat*>&
 std::string pose_guess(const Table& table, const std::vector<const PoseFormat*>& formats,
                        const std::string& file) {
   const bool said = !table.format.empty() || is_matrices(table);
-  std::string out =
-      formats.size() == 1
-          ? "It seems to have poses (" + formats[0]->name + ").\n"
-          : "It may have poses. The numbers suit " + format_names(formats) +
-                "; above they are read as " + formats[0]->name +
-                ".\nWhich it is, the robot's manual says; `kincal check` names a mistaken one.\n";
+  std::string out = formats.size() == 1
+                        ? "It seems to have poses (" + formats[0]->name + ").\n"
+                        : "It may have poses. The columns suit " + format_names(formats) +
+                              "; above they are read as " + formats[0]->name +
+                              ".\n"
+                              "See the robot's manual for the right one; `kincal check` detects a "
+                              "wrong choice.\n";
   const std::string format =
       said ? "" : " --pose-format " + (formats.size() == 1 ? formats[0]->name : "FORMAT");
   return out + "With images of a board, one for each row:\n  kincal detect RIG IMAGES --joints " +
@@ -114,14 +115,15 @@ std::string reading_guess(const Table& table, const std::string& file) {
   if (degrees) out += ", in degrees, as some are larger than 6.28";
   if (largest >= kLargestDegrees)
     out +=
-        "; some numbers are too large for angles: readings in pulses need a `scale` of the "
-        "joint in the rig (rad a pulse)";
+        "; some values are too large for angles: readings in pulses need a `scale` of the joint in "
+        "the rig (rad per pulse)";
   const std::string angles = degrees ? " --angles deg" : "";
   return out +
          ".\nWith images of a board, one for each row:\n  kincal detect RIG IMAGES --joints " +
          file + angles +
          " --out samples.jsonl\n"
-         "With what was measured in columns of its own (x, y, z; or a pose):\n  kincal import " +
+         "With measurements in separate columns (x, y, z; or a pose):\n"
+         "  kincal import " +
          file + " --rig RIG --sensor NAME --target NAME" + angles +
          " --out samples.jsonl\n"
          "A column that is called differently than the rig's joint: --map COLUMN=JOINT\n";

@@ -69,7 +69,7 @@ void take_recorded_by_ur(const Table& table, const std::vector<std::string>& joi
     at.push_back(column_of(table, "actual_q_" + std::to_string(i)));
   if (std::count(at.begin(), at.end(), -1) > 0) return;
   for (size_t i = 0; i < kAxes; ++i) columns[at[i]] = joints[i];
-  notes.push_back(table.path + ": actual_q_0 to actual_q_5 are taken for the joints " +
+  notes.push_back(table.path + ": actual_q_0 to actual_q_5 are used as the joints " +
                   comma_separated(joints) + ", in this order");
 }
 
@@ -294,7 +294,8 @@ std::map<std::string, std::string> joint_names(const std::vector<std::string>& p
   for (const std::string& pair : pairs) {
     const size_t equal = pair.find('=');
     if (equal == std::string::npos || equal == 0 || equal + 1 == pair.size())
-      throw InputError("--map: COLUMN=JOINT is expected, such as A1=joint_1, not '" + pair + "'");
+      throw InputError("--map: COLUMN=JOINT is expected, for example A1=joint_1, not '" + pair +
+                       "'");
     if (!out.emplace(pair.substr(0, equal), pair.substr(equal + 1)).second)
       throw InputError("--map: the column '" + pair.substr(0, equal) + "' is there twice");
   }

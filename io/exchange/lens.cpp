@@ -61,7 +61,7 @@ std::vector<const Sensor*> cameras_of(const Rig& rig, const std::vector<std::str
     const auto sensor = std::find_if(rig.sensors.begin(), rig.sensors.end(),
                                      [&](const Sensor& s) { return s.name == name; });
     if (sensor == rig.sensors.end() || sensor->type != "camera")
-      throw InputError("--sensor: '" + name + "' is no camera of the rig" +
+      throw InputError("--sensor: '" + name + "' is not a camera of the rig" +
                        nearest_names(name, cameras) + "; valid: " + comma_separated(cameras));
     found.push_back(&*sensor);
   }

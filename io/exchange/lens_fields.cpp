@@ -50,7 +50,7 @@ std::string chosen_camera(const Field& file, const std::vector<std::string>& cam
 }
 
 std::string pose_not_taken(const std::string& key) {
-  return key + " was not taken: where the cameras are is for the calibration to find";
+  return key + " was not used: the calibration estimates the poses of the cameras";
 }
 
 }  // namespace kincal

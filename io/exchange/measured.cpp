@@ -21,7 +21,7 @@ const Thing& only(const std::vector<Thing>& all, const std::string& name, const 
   }
   throw InputError(std::string(option) +
                    (name.empty()
-                        ? " is missing: say which of the rig's this table is about"
+                        ? " is missing: name the one of the rig that this table describes"
                         : ": there is no '" + name + "' in the rig" + nearest_names(name, names)) +
                    "; valid: " + comma_separated(names));
 }
@@ -134,8 +134,8 @@ std::string measured_lines(const std::string& path, const Rig& rig, const Measur
   rename_columns(table, words.joints.names, joints_with_readings(rig));
   if (table.header.empty())
     throw InputError(table.where +
-                     ": a header is expected, which names the joints and what was measured (x, y, "
-                     "z; or image; or the columns of a pose)");
+                     ": a header is expected with the names of the joints and of the measured "
+                     "columns (x, y, z; or image; or the columns of a pose)");
   const std::string target = only(rig.targets, words.target, "--target").name;
   const bool flange = has_flange(rig);
   const Measured m = measured_columns(table, rig, words, flange);

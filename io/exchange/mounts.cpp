@@ -75,8 +75,8 @@ Pose known_pose(const Rig& rig, const Sensor& sensor, const std::string& child,
   const int above = tree.find_link(child);
   if (above < 0)
     throw InputError("--child: '" + child +
-                     "' is no link of the robot: say by --known \"x y z roll pitch yaw\" (m, rad) "
-                     "where the sensor's frame is in it, as its driver publishes it" +
+                     "' is not a link of the robot: give the pose of the sensor's frame in it by "
+                     "--known \"x y z roll pitch yaw\" (m, rad), as its driver publishes it" +
                      nearest_names(child, tree.links));
   if (known.empty() && !is_below(tree, sensor.link, above))
     throw InputError("--child: link '" + tree.links[sensor.link] + "' of sensors." + sensor.name +
@@ -154,9 +154,9 @@ std::vector<Mount> mounts_of(const Rig& rig, const Names& sensors, bool frames,
     if (thing.pose_given)
       out.push_back(mount_of(rig, thing, pose, taken, frames));
     else
-      notes.push_back(kind + thing.name +
-                      " is left away: its pose is not in the rig. Export a result of `kincal "
-                      "calibrate`");
+      notes.push_back(
+          kind + thing.name +
+          " is left out: its pose is not in the rig. Export a result of `kincal calibrate`");
   };
   for (const Sensor& sensor : rig.sensors)
     if (sensors.empty() || std::count(sensors.begin(), sensors.end(), sensor.name))

@@ -276,7 +276,7 @@ Table numpy_table(const std::string& bytes, const std::string& path) {
   const size_t present = (bytes.size() - head.data) / head.type->bytes;
   if (each == 0 || count > present / each)
     throw InputError(path + ": the array of numpy has " + std::to_string(present) +
-                     " numbers, fewer than its shape says");
+                     " numbers, fewer than its shape");
   Table out;
   out.path = path;
   out.kind = "an array of numpy";

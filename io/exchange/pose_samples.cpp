@@ -71,10 +71,11 @@ std::string numbered(const std::string& name, size_t i) {
 std::string hand_eye_rig(const std::string& path, bool in_hand) {
   const std::string camera = in_hand ? "tool0" : "base", board = in_hand ? "base" : "tool0";
   return "# Made by `kincal import` from " + std::filesystem::path(path).filename().string() +
-         ".\n# What is marked GUESS is to be replaced by what you know.\n"
+         ".\n"
+         "# Replace values marked GUESS by known ones.\n"
          "format: kincal/1\n"
-         "robot: {base: base, flange: tool0}   # known by the poses of its flange\n"
-         "# Noise of the poses, m and rad. Left away, it is found from the data.\n"
+         "robot: {base: base, flange: tool0}   # reports the poses of its flange\n"
+         "# Noise of the poses, m and rad. If omitted, it is found from the data.\n"
          "# joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}\n"
          "targets:\n"
          "  board:\n"
@@ -150,7 +151,7 @@ const PoseFormat& format_of_file(const Table& table, const PoseWords& words,
   for (const PoseFormat& format : pose_formats()) names.push_back(format.name);
   throw InputError(
       table.path + ": " + what + " is missing: how " + std::to_string(table.columns()) +
-      " numbers say a pose does not stand in the file; valid: " + comma_separated(names) +
+      " numbers encode a pose is not stated in the file; valid: " + comma_separated(names) +
       " (see kincal import --help)");
 }
 
@@ -255,8 +256,8 @@ std::vector<PosePair> pairs_of(const std::vector<Table>& tables, const PoseWords
     const auto poses = [&](const Table& table, const PoseWords& words, const char* option) {
       return poses_of(table, format_of_file(table, words, option), pose_unit(words.unit));
     };
-    note = tables[0].name + " is taken for the flange's poses, " + tables[1].name +
-           " for the measured ones; ";
+    note = tables[0].name + " is used as the flange's poses, " + tables[1].name +
+           " as the measured ones; ";
     std::string how;
     std::vector<PosePair> out = pair_poses(poses(tables[0], flange, "--pose-format"),
                                            poses(tables[1], measured, "--target-format"), how);
@@ -294,7 +295,7 @@ std::vector<PosePair> pairs_of(const std::vector<Table>& tables, const PoseWords
                        std::to_string(table.columns()) + " cells");
     for (size_t i = begin; i < table.columns(); ++i)
       (i < begin + first.columns.size() ? columns : others).push_back(static_cast<int>(i));
-    note = "the first pose of each row is taken for the flange's, the second for the measured one";
+    note = "the first pose of each row is used as the flange's, the second as the measured one";
   }
   const std::vector<FlangePose> poses = poses_of_columns(table, first, unit, columns),
                                 seen = poses_of_columns(table, second, other_unit, others);

@@ -246,8 +246,8 @@ Pose pose_of_matrix(const std::vector<double>& n, const std::string& where) {
                      std::to_string(n.size()));
   if (!is_rigid(n))
     throw InputError(where +
-                     ": is no rigid motion: rows of [R t; 0 0 0 1] are expected, R a rotation; "
-                     "columns one after another are another order");
+                     ": is not a rigid motion: rows of [R t; 0 0 0 1] are expected, R a rotation; "
+                     "columns one after another are a different order");
   return {rotation_from_quaternion(quaternion_from_rotation(from_matrix(n))),
           Vector3d(n[3], n[7], n[11])};
 }
@@ -264,14 +264,14 @@ Pose pose_of_row(const PoseFormat& format, const std::vector<double>& n, double 
     if (!(std::abs(norm - 1) < kRound))
       throw InputError(where + ": a quaternion of length 1 is expected in " +
                        comma_separated({format.columns.begin() + 3, format.columns.end()}) +
-                       ", not of " + shortest(norm) + "; is the --pose-format another one?");
+                       ", not of " + shortest(norm) + "; is the --pose-format wrong?");
   } else {
     const double most = 2 * kPi / format.angle;
     for (size_t i = 3; i < 6; ++i)
       if (!(std::abs(n[i]) <= most * (1 + kRound)))
         throw InputError(where + ": " + format.columns[i] + ": " + shortest(n[i]) +
-                         " is no angle in " + (format.angle < 1 ? "degrees" : "rad") +
-                         "; is the --pose-format another one?");
+                         " is not an angle in " + (format.angle < 1 ? "degrees" : "rad") +
+                         "; is the --pose-format wrong?");
   }
   return {rotation_of(format, n), length * Vector3d(n[0], n[1], n[2])};
 }

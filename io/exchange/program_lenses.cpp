@@ -29,7 +29,7 @@ void set_intrinsics(const Field& field, const Names& keys, LensNumbers& lens) {
 
 [[noreturn]] void refuse_model(const Field& field, const std::string& program,
                                const std::string& valid, const std::string& cure) {
-  field.fail("'" + field.string() + "' is no lens that kincal has; valid of " + program + ": " +
+  field.fail("'" + field.string() + "' is not a lens model of kincal; valid of " + program + ": " +
              valid + ". " + cure);
 }
 

@@ -62,17 +62,16 @@ std::vector<double> intrinsics_of(const Field& field, const std::vector<double>&
         "it from views of a board)");
   if (m[0] < 0 || m[c + 1] < 0)
     field.fail(
-        "a negative focal length means that the image is mirrored: mirror it back, and take "
-        "the number positive, cx as width - 1 - cx (or cy likewise)");
+        "a negative focal length means that the image is mirrored: mirror it back, and use the "
+        "positive value, with cx as width - 1 - cx (or cy likewise)");
   if (!(m[0] > 0) || !(m[c + 1] > 0) || m[c] != 0 || m[2 * c] != 0 || m[2 * c + 1] != 0 ||
       m[2 * c + 2] != 1)
     field.fail("[fx 0 cx; 0 fy cy; 0 0 1] is expected, fx and fy greater than 0");
   if (std::abs(m[1]) > 1e-9 * m[0])
     field.fail("has a skew of " + shortest(m[1]) +
-               " px, which kincal's cameras do not have: their pixels have right angles. Calibrate "
-               "this camera again without one (OpenCV's fisheye: CALIB_FIX_SKEW; `kincal "
-               "intrinsics` has none), or write 0 in its place and free the lens in the "
-               "calibration");
+               " px, which kincal's camera models do not have. Calibrate this camera again without "
+               "it (OpenCV's fisheye: CALIB_FIX_SKEW; `kincal intrinsics`), or write 0 instead and "
+               "estimate the lens in the calibration");
   return {m[0], m[c + 1], m[2], m[c + 2]};
 }
 
@@ -116,13 +115,13 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
   lens.baseline = baseline;
   if (baseline < 0)
     notes.push_back("baseline " + shortest(baseline) +
-                    " is from P, and negative: by that this camera stands to the left of the one "
-                    "that its pair counts from. Of a right camera the fourth number of P is "
-                    "negative, -fx * baseline: change its sign where that is wrong");
+                    " is from P, and negative: then this camera stands to the left of the "
+                    "reference camera of its pair. For a right camera the fourth value of P is "
+                    "negative, -fx * baseline: change its sign if it is wrong");
   if (baseline != 0)
     notes.push_back("baseline " + shortest(baseline) +
-                    " is from P: such a camera's link is that of the left camera of its pair. If "
-                    "it has a link of its own, take the key `baseline` away");
+                    " is from P: the link of this camera must be that of the left camera of its "
+                    "pair. If it has its own link, delete the key `baseline`");
 }
 
 /// What a message of ROS says of the images that were sent, not of the camera.
@@ -135,8 +134,8 @@ void note_smaller_images(const Field& file, std::vector<std::string>& notes) {
   if (above(first_of(file, {"binning_x"}), 1) || above(first_of(file, {"binning_y"}), 1) ||
       (roi && above(first_of(*roi, {"width"}), 0)))
     notes.emplace_back(
-        "binning or a region of interest is set: the numbers are of the whole image of full "
-        "resolution; use images of that");
+        "binning or a region of interest is set: the values are for the whole image at full "
+        "resolution; use such images");
 }
 
 /// The lens that the file names; none: it names none. @throws InputError: one that kincal lacks
@@ -148,7 +147,7 @@ std::optional<Field> model_of(const Field& file) {
   const std::optional<Field> field = first_of(file, {"distortion_model", "camera_model"});
   if (!field || field->string().empty()) return std::nullopt;
   if (std::find(kKnown.begin(), kKnown.end(), field->string()) == kKnown.end())
-    field->fail("'" + field->string() + "' is no lens that kincal has; " + kKnownLenses);
+    field->fail("'" + field->string() + "' is not a lens model of kincal; " + kKnownLenses);
   return field;
 }
 
@@ -300,8 +299,8 @@ void note_turning_point(const LensNumbers& lens, std::vector<std::string>& notes
       "the principal point): ",
       turn->angle * 180 / kPi, turn->pixels);
   notes.push_back(std::string(text) +
-                  "it does not hold beyond. Calibrate it again with views that reach the image's "
-                  "corners, or free its distortion");
+                  "it is not valid beyond. Calibrate it again with views that reach the image's "
+                  "corners, or estimate its distortion");
 }
 
 }  // namespace

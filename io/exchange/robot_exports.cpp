@@ -143,7 +143,7 @@ std::string lerobot_text(const RobotNumbers& robot, const std::string& from,
     if (std::abs(shall) > farthest)
       motor["homing_offset"].fail("would be " + std::to_string(shall) +
                                   ", and these motors have +-" + std::to_string(farthest) +
-                                  ": put the horn on anew");
+                                  ": mount the horn again");
     places.push_back({bytes_of(text, *motor["homing_offset"].node), std::to_string(shall)});
   }
   if (left.size() == known.size())

@@ -61,7 +61,7 @@ std::vector<double> radtan(const LensNumbers& lens) {
     if (d[i] != 0) {
       const std::string& number = lens_type(Lens::brown_conrady).numbers[i];
       throw InputError("sensors." + lens.name + ": Kalibr's radtan has k1 k2 p1 p2 only, and " +
-                       number + " is not 0. Calibrate with it held at 0 (--fix 'sensor/" +
+                       number + " is not 0. Calibrate with it fixed at 0 (--fix 'sensor/" +
                        lens.name + "/distortion." + number + "'), or use --as opencv");
     }
   d.resize(4);

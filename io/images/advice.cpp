@@ -65,9 +65,9 @@ std::string hardly_flat(const ImageTarget& target, const std::vector<ImageTask>&
   if (rms.size() < kEnough || median(rms, 0) < kLeast || median(times, 0) < kFarOff) return "";
   return "target '" + target.name + "': " +
          text(
-             "its points are %.2g px off a plane seen through a lens (rms, the middle one of %zu "
-             "images), %.0f times what noise does: the board is bent, or the lens strong. `kincal "
-             "intrinsics --warp` tells, and calibrates with both",
+             "its points deviate by %.2g px from a plane seen through a lens (rms, median of %zu "
+             "images), %.0f times the noise: the board is warped, or the lens distorts strongly. "
+             "`kincal intrinsics --warp` decides, and calibrates with both",
              median(rms, 0), rms.size(), median(times, 0));
 }
 

@@ -229,7 +229,7 @@ Detection find_charuco(const cv::Mat& image, const ImageTarget& target,
   Detection out = refined(image, compression, look.corners);
   out.layouts = look.layouts;
   if (out.ids.empty() && !look.corners.empty())
-    return missing("what is free beside its markers is too narrow for the blur");
+    return missing("the gaps beside its markers are too narrow for the blur");
   if (out.ids.size() < 4 || on_one_line(out.pixels))
     return missing(std::to_string(out.ids.size()) + " corners: too few, or on a line");
   return out;

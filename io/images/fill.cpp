@@ -53,7 +53,7 @@ const Sensor& camera(const RigFile& rig, const std::string& name, const std::str
   if (cameras.empty()) throw InputError(rig.path + ": there is no camera in it");
   if (name.empty() && cameras.size() > 1)
     throw InputError("the rig has several cameras (" + comma_separated(cameras) +
-                     "): say by --sensor which one took the images");
+                     "): name the one that took the images by --sensor");
   if (!found)
     throw InputError(where + ": there is no camera '" + name + "'" + nearest_names(name, cameras) +
                      "; known: " + comma_separated(cameras));
@@ -120,9 +120,9 @@ std::vector<std::string> agree_on_layouts(ImageTargets& targets, std::vector<Ima
       notes.push_back(
           "target '" + name + "': " +
           (all[2] == 1 ? "the image suits" : "all " + std::to_string(all[2]) + " images suit") +
-          " both layouts of a ChArUco board, whose corners are one column apart. Taken is that "
-          "with a dark upper left square; an image that shows the board's left or right column "
-          "tells");
+          " both layouts of a ChArUco board, whose corners are one column apart. The one with a "
+          "dark upper left square is used; an image with the board's left or right column would "
+          "decide");
   }
   for (size_t i = 0; i < tasks.size(); ++i) {
     const auto other = [](const ImageTask::Wanted& one) {
@@ -347,8 +347,8 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
             rows[0].time && rows[0].image.empty() &&
             fs::path(image).stem().string().find_first_not_of("0123456789.") != std::string::npos;
         without.push_back("image '" + image + "': no joint readings in " + options.joints +
-                          (no_time ? ", which goes by time: the image's name is no number of "
-                                     "seconds or nanoseconds"
+                          (no_time ? ", which is matched by time: the image's name is not a number "
+                                     "of seconds or nanoseconds"
                                    : ""));
         continue;
       }
@@ -380,8 +380,9 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
     };
     const auto first = std::find_if(rows.begin(), rows.end(), lacks);
     if (first != rows.end())
-      out.notes.push_back(first->where + ": no reading of joint '" + joint +
-                          "': what depends on it cannot be calibrated from these samples");
+      out.notes.push_back(
+          first->where + ": no reading of joint '" + joint +
+          "': parameters that depend on it cannot be calibrated from these samples");
   }
   out.notes.insert(out.notes.end(), table.notes.begin(), table.notes.end());
   std::vector<Pose> flange;

@@ -26,7 +26,7 @@ int camera_index(const Field& field, const Rig& rig) {
     const Sensor& sensor = rig.sensors[s];
     if (sensor.name != field.string() || sensor.type != "camera") continue;
     if (sensor.image_width < 1)
-      field.fail("camera '" + sensor.name + "' needs an image_size in the rig to take pictures");
+      field.fail("camera '" + sensor.name + "' needs an image_size in the rig for rendering");
     return static_cast<int>(s);
   }
   field.fail("there is no camera '" + field.string() + "' in the rig");

@@ -58,13 +58,13 @@ std::vector<std::string> renumber(const RigFile& rig,
   }
   if (open.empty()) return {};
   const std::string alone =
-      "numbering of " + names + ": half a turn is the same picture, each is numbered by itself";
+      "numbering of " + names + ": half a turn gives the same image, each is numbered by itself";
   for (const Json& sample : samples) text += sample.dump() + "\n";
   std::vector<Sample> parsed;
   try {
     parsed = parse_samples(text, "samples", rig.rig);
   } catch (const InputError&) {
-    return {alone + ": there are no joint readings that could tell"};
+    return {alone + ": there are no joint readings to decide it"};
   }
   std::vector<std::pair<int, int>> fixed;
   for (size_t s = 0; s < parsed.size(); ++s)
@@ -80,9 +80,9 @@ std::vector<std::string> renumber(const RigFile& rig,
     ++turned;
     renumber_view(rig.rig.targets[parsed[one.sample].views[one.view].target], one.quarters, view);
   }
-  if (turns.empty()) return {alone + ": nothing of the robot could tell"};
+  if (turns.empty()) return {alone + ": the robot's readings do not decide it"};
   std::vector<std::string> said = {
-      "numbering of " + names + ": half a turn is the same picture; by the joint readings " +
+      "numbering of " + names + ": half a turn gives the same image; by the joint readings " +
       std::to_string(turned) + " of " + std::to_string(turns.size()) + " views were turned"};
   if (!doubtful.empty()) said.push_back("numbering not decided by the joint readings: " + doubtful);
   return said;

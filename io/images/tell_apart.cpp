@@ -185,8 +185,7 @@ void tell(const Rig& rig, const ParameterTable& table, const Lineup& lineup, Ima
   const auto refuse = [&](const std::string& cause) {
     for (const size_t place : lineup.places)
       if (Detection& found = task.wanted[place].found; found.ids.empty())
-        found.reason =
-            "a board is there of which it cannot be told whether it is this one: " + cause;
+        found.reason = "there is a board that cannot be identified as this one: " + cause;
   };
   if (const std::string cause = not_told(rig, lineup); !cause.empty()) return refuse(cause);
   std::vector<BoardSight> sights;
@@ -234,11 +233,10 @@ void refuse_alike(const RigFile& rig, const std::vector<Json>& samples,
                   const std::vector<ImageTask>& tasks) {
   const auto refuse = [](const ImageTask& task, const std::string& a, const std::string& b,
                          const std::string& cause) {
-    throw InputError(
-        task.shown + ": targets '" + a + "' and '" + b +
-        "' look the same in a picture, so it cannot be told which is seen" + cause +
-        ": give each markers of its own (dictionary, id, first_id), or write samples whose views "
-        "say which of them an image shows");
+    throw InputError(task.shown + ": targets '" + a + "' and '" + b +
+                     "' look the same in an image, so the one seen cannot be identified" + cause +
+                     ": give each its own markers (dictionary, id, first_id), or write samples "
+                     "whose views name the target in each image");
   };
   for (const ImageTask& task : tasks)
     for (const ImageTask::Wanted& a : task.wanted)
@@ -256,7 +254,7 @@ void refuse_alike(const RigFile& rig, const std::vector<Json>& samples,
         if (last)
           refuse(task, task.wanted[lineup.places[0]].target->name,
                  task.wanted[lineup.places[1]].target->name,
-                 ", nor do the joint readings tell (" + cause + ")");
+                 ", not even by the joint readings (" + cause + ")");
       }
 }
 

@@ -8,7 +8,7 @@
 
 namespace kincal {
 std::string answer_text(const Verification& found) {
-  if (!found.tolerance) return "No tolerance was asked for.";
+  if (!found.tolerance) return "No tolerance was given.";
   const AccuracyFigure& figure = found.judged();
   const std::string limit = text("%.4g mm", 1e3 * found.tolerance->limit),
                     seen = text("%.4g mm (k = 2: %.4g to %.4g)", 1e3 * figure.rms,
@@ -25,7 +25,7 @@ std::string answer_text(const Verification& found) {
   }
   return "not provable with this instrument and " + std::to_string(figure.postures) +
          " postures: " + of + " is " + seen + ", which contains " + limit + "; " +
-         (found.needed < 0 ? "no number of postures would prove it with this instrument."
+         (found.needed < 0 ? "no number of postures can prove it with this instrument."
                            : "about " + std::to_string(found.needed) + " postures would.");
 }
 

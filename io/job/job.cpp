@@ -202,11 +202,11 @@ void check_groups(const Rig& rig, const CalibrateSettings& settings) {
   if (rig.steps.empty() || (settings.groups.empty() && settings.no_groups.empty())) return;
   const bool with = !settings.groups.empty();
   const auto option = [&](const char* name) { return option_name(name, settings.words); };
-  throw InputError(option(with ? "group" : "no_group") + ": '" +
-                   (with ? settings.groups : settings.no_groups)[0] +
-                   "' is for rigs without `estimate`; this rig's steps say what is free (" +
-                   (with ? option("free") + " frees" : option("fix") + " holds") +
-                   " more of them)");
+  throw InputError(
+      option(with ? "group" : "no_group") + ": '" +
+      (with ? settings.groups : settings.no_groups)[0] +
+      "' is for rigs without `estimate`; this rig's steps list the estimated parameters (" +
+      (with ? option("free") + " frees" : option("fix") + " holds") + " more of them)");
 }
 
 Report run(Job& job, const CalibrateSettings& settings, bool diagnose, const Progress& progress) {

@@ -145,7 +145,7 @@ void keep_certain_views(const Before& before, const PlanSettings& settings, Post
   }
   const auto gone = static_cast<int>(of.postures.size() - kept.size());
   if (gone > 0)
-    plan.left_out.push_back({"nothing is certain to be seen, as little as is known so far", gone});
+    plan.left_out.push_back({"no target is certain to be seen with the present uncertainty", gone});
   of.postures = std::move(kept);
 }
 
@@ -186,7 +186,8 @@ void keep_clear(const RigFile& rig_file, const Before& before, bool measured,
     plan.notes.push_back(std::to_string(drawn.left_out) +
                          " links have meshes that are not there: nothing keeps clear of them");
   if (clearance.empty()) {
-    plan.notes.push_back("no shapes of links: whether the robot touches itself was not looked at");
+    plan.notes.push_back(
+        "no shapes of links: collisions of the robot with itself were not checked");
     return;
   }
   std::map<std::string, int> count;
@@ -378,7 +379,7 @@ PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
     true_samples[i].readings = of.simulation.true_readings[i];
   const std::vector<SampleRows> rows =
       sample_rows(before.robot, before.setup, std::move(true_samples), of.simulation.targets,
-                  progress.in("what each tells"));
+                  progress.in("evaluating candidates"));
   DesignOptions design_options;
   design_options.count = settings.next;
   design_options.progress = progress;
@@ -489,7 +490,7 @@ std::string plan_text(const PosturePlan& plan) {
     out += plan.tolerance->text + ": out of reach, because " +
            (plan.goal.readings >= plan.tolerance->limit * plan.tolerance->limit
                 ? "the noise of the joints' readings alone is larger.\n"
-                : "what no posture lowers is larger.\n");
+                : "the error that no posture reduces is larger.\n");
   out += left_out_text(plan);
   for (const std::string& note : plan.notes) out += "Note: " + note + ".\n";
   return out;

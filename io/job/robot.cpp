@@ -63,12 +63,12 @@ std::string still_base(const KnownRig& rig, const std::string& given) {
   const size_t frames = still.size();
   still.push_back(link);
   if (given.empty() && frames > 1)
-    throw InputError("base: two calibrations put the base link at different places: give one of " +
+    throw InputError("base: two calibrations may place the base link differently: give one of " +
                      comma_separated(still));
   const std::string base = given.empty() ? still[0] : given;
   if (std::find(still.begin(), still.end(), base) == still.end())
-    throw InputError("base: '" + base + "' is nothing that stands still; one of " +
-                     comma_separated(still) + " is expected");
+    throw InputError("base: '" + base + "' does not stand still; one of " + comma_separated(still) +
+                     " is expected");
   return base;
 }
 

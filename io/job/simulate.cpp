@@ -21,14 +21,14 @@ void refuse_open_poses(const Rig& rig, const ParameterTable& table, const Vector
     const std::string& name =
         sensor ? rig.sensors[parameter.owner].name : rig.targets[parameter.owner].name;
     const bool switches = settings.words == Words::switches;
-    throw InputError(
-        "simulate: " + parameter.name + " is absent from the rig, so it is not known " + "where " +
-        (sensor ? "sensor '" : "target '") + name + "' is: write " +
-        (sensor ? "sensors." + name + ".pose" : "targets." + name + ".mount.pose") +
-        " into the rig, or say it by " + option_name("truth", settings.words) + ", or draw it by " +
-        (switches ? "--spread '" + parameter.name + "=0.01'"
-                  : "spread={'" + parameter.name + "': 0.01}") +
-        " (around the identity)");
+    throw InputError("simulate: " + parameter.name + " is missing in the rig, so it is not known " +
+                     "where " + (sensor ? "sensor '" : "target '") + name + "' is: write " +
+                     (sensor ? "sensors." + name + ".pose" : "targets." + name + ".mount.pose") +
+                     " into the rig, or give it by " + option_name("truth", settings.words) +
+                     ", or draw it by " +
+                     (switches ? "--spread '" + parameter.name + "=0.01'"
+                               : "spread={'" + parameter.name + "': 0.01}") +
+                     " (around the identity)");
   }
 }
 

@@ -38,7 +38,7 @@ std::map<std::string, StaticViews::Picture> StaticViews::read(const Field& sampl
     for (int i = 0; i < count; ++i) {
       const Point point{target, ids[i]};
       if (std::find(picture.points.begin(), picture.points.end(), point) != picture.points.end())
-        view.fail(point_name(point) + " stands twice");
+        view.fail(point_name(point) + " occurs twice");
       picture.points.push_back(point);
       picture.pixels.col(before + i) << pixels[2 * i], pixels[2 * i + 1];
     }

@@ -47,7 +47,7 @@ std::string unsuitable(const Rig& rig, int sensor, int target) {
     return "target '" + rig.targets[target].name +
            "' is mounted nowhere: one that the robot carries is expected";
   if (!needed_readings(rig, sensor, -1).empty())
-    return name + " moves with the robot: an instrument that stands still is expected";
+    return name + " moves with the robot: a stationary instrument is expected";
   if (needed_readings(rig, -1, target).empty())
     return "target '" + rig.targets[target].name +
            "' stands still: one that the robot carries is "
@@ -85,7 +85,7 @@ InstrumentViews measured_views(const Rig& rig, const SampleSet& samples,
                       rig.targets[pair.first.second].name);
     throw InputError(samples.path + ": one instrument and one target are verified, not " +
                      listed(names) + "; choose with " + option_name("sensor", settings.words) +
-                     ", or take the others out");
+                     ", or remove the others");
   }
   return pairs.begin()->second;
 }
@@ -130,8 +130,8 @@ void refuse_seen(const VerifiedResult& result, const SeenSamples& seen, const Sa
   if (all.has("input") && all["input"].has("samples") &&
       all["input"]["samples"].string() == samples.hash)
     throw InputError(samples.path + ": is the file that " + result.files.path +
-                     " was calibrated with: samples that it has not seen are expected (those that "
-                     "it held out: in a file of their own)");
+                     " was calibrated with: samples that it did not use are expected (held-out "
+                     "ones in a separate file)");
   const std::vector<int> joints =
       view_readings(result.files.rig_file.rig, measured.sensor, measured.target);
   std::map<std::vector<double>, size_t> known;
@@ -261,7 +261,7 @@ MeasuredPoint measured_point(const CalibratedFiles& files, const InstrumentViews
   if (body_of(rig.tree, frame.link) != body_of(rig.tree, target.link))
     throw InputError(where + ": '" + tolerance->name +
                      "' is not on the body that carries target '" + target.name +
-                     "', which is what was measured");
+                     "', which was measured");
   const std::vector<double> readings = completed(Readings(rig.tree.joints.size(), kNan));
   const Configuration at(rig, files.table, files.values, readings);
   Pose link_T_frame = at.a_T_b(target.link, frame.link);
@@ -544,8 +544,9 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
   const AccuracyFigure& judged = out.judged();
   if (!judged.noise_known)
     out.notes.push_back(
-        "the rig does not state the instrument's noise, and what the calibration found contains "
-        "errors of the robot: nothing is taken out; state it as sigma in the samples' views");
+        "the rig does not state the instrument's noise, and the noise found by the calibration "
+        "contains errors of the robot: no noise is subtracted; state it as sigma in the samples' "
+        "views");
   else if (judged.seen < judged.instrument)
     out.notes.push_back(
         "errors are smaller than the instrument's stated noise alone, which is therefore stated "

@@ -220,7 +220,8 @@ Json Watch::recalibrated(const std::vector<Sample>& samples,
     for (const Groups& found : found_)
       groups.push_back(monitor_.groups()[found.front().group].name);
   if (groups.empty())
-    throw std::invalid_argument("groups: nothing was named as moved; say what may have");
+    throw std::invalid_argument(
+        "groups: no group was reported as moved; name those that may have moved");
   std::vector<int> indices;
   std::vector<std::string> names;
   for (const DriftGroup& group : monitor_.groups()) names.push_back(group.name);

@@ -66,12 +66,12 @@ void unpack_file(const std::string& path, Scratch& to, BagReading& reading) {
       ZSTD_outBuffer out{unpacked.data(), unpacked.size(), 0};
       hint = ZSTD_decompressStream(context.get(), &out, &in);
       if (ZSTD_isError(hint))
-        return reading.lost("what comes after byte " + std::to_string(file.position() - count) +
+        return reading.lost("the data after byte " + std::to_string(file.position() - count) +
                             ": zstd: " + ZSTD_getErrorName(hint));
       to.write(unpacked.data(), out.pos);
       filled += out.pos;
       if (filled > most)
-        return reading.lost("what comes after byte " + std::to_string(file.position() - count) +
+        return reading.lost("the data after byte " + std::to_string(file.position() - count) +
                             ": it unpacks to more than 1000 times its size");
     }
     reading.progress.share(static_cast<double>(file.position()),

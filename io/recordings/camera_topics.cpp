@@ -216,10 +216,10 @@ struct CameraFinder {
         taken[c] = 1;
         out.infos[sensor] = cameras[c].info;
         if (cameras[c].space == topic) {
-          take(sensor, c, "as the rig says");
+          take(sensor, c, "as in the rig");
         } else {
           out.images[sensor] = i;
-          say(sensor, "as the rig says");
+          say(sensor, "as in the rig");
         }
         return;
       }
@@ -331,11 +331,10 @@ CameraTopics find_camera_topics(const RigFile& rig, const RecordedStreams& strea
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s)
     if (rig.rig.sensors[s].type == "camera" && out.images[s] < 0)
       for (const auto& [topic, what] : streams.videos)
-        videos.insert(
-            topic + " is compressed video (" + what +
-            "), which is not read: most of its pictures are only what changed since the "
-            "one before. Record raw, PNG or JPEG images; or make pictures of the video at "
-            "rests (ffmpeg) and search them with `kincal detect`");
+        videos.insert(topic + " is compressed video (" + what +
+                      "), which is not read: most of its frames contain only the changes since the "
+                      "previous one. Record raw, PNG or JPEG images; or extract images of the "
+                      "video at rests (ffmpeg) and search them with `kincal detect`");
   out.notes.insert(out.notes.end(), videos.begin(), videos.end());
   return out;
 }

@@ -48,7 +48,7 @@ std::string unfit_rests(const Clocks& clocks) {
   if (!clocks.unfit()) return "";
   return text(
       ". The rests do not fit each other either (chi2/dof %.2g): a target was moved, clocks differ "
-      "by seconds, or another mistake; `kincal check` looks for it",
+      "by seconds, or there is another mistake; `kincal check` looks for it",
       clocks.per_dof);
 }
 

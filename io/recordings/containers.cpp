@@ -53,8 +53,8 @@ std::shared_ptr<const Topic> BagReading::add(Topic topic) {
 void BagReading::compare(const Topic& known, const Topic& again) {
   if (known.name != again.name || known.type != again.type ||
       known.definition != again.definition || known.encoding != again.encoding)
-    lost("bytes of what describes topic " + known.name +
-         " have changed: it is there in two versions; the first is taken");
+    lost("bytes of the description of topic " + known.name +
+         " have changed: there are two versions; the first is used");
 }
 
 void BagReading::give(const Topic& topic, std::uint64_t received, std::string_view data) {

@@ -97,7 +97,7 @@ TextLines moving_lines(const Rig& rig, const std::vector<SeenTarget>& seen) {
                          ? text("%s is never still while the joints are: motion %.2g px at least",
                                 sensor, one.least)
                          : text("%s: not still in %d of %d rests", sensor, one.moving, one.rests)) +
-                    text(" (of '%s'; %.2g px are taken for rest)",
+                    text(" (of '%s'; up to %.2g px count as rest)",
                          rig.targets[one.target].name.c_str(), one.allowed));
   }
   return lines;
@@ -137,8 +137,8 @@ std::string without_clock(const Rig& rig, const std::vector<CameraClock>& camera
     TextLines offsets;
     for (const double offset : one.candidates) offsets.push_back(text("%.1f", offset));
     return "what '" + rig.sensors[one.sensor].name +
-           "' sees moves while the joints rest, and rests while they move: their stamps are of "
-           "different clocks, and by how much they are apart is not clear (with images " +
+           "' sees moves while the joints rest, and rests while they move: their time stamps come "
+           "from different clocks with an unclear offset (with images " +
            few_of(offsets) +
            " s later both rest at the same times). Record with clocks that run together (chrony), "
            "or with one recorder and its times of reception; rests of different length make it "
@@ -174,7 +174,7 @@ ImportWords import_words(const Recorded& recorded, const ImportFindings& found) 
   if (recorded.readings.any())
     out.lines.push_back(rests_line(recorded, found.rests, "the joints"));
   else if (!found.looked.images.empty())
-    out.lines.push_back(rests_line(recorded, found.rests, "what cameras see"));
+    out.lines.push_back(rests_line(recorded, found.rests, "the views of the cameras"));
   if (!found.rests.creeping.empty()) {
     TextLines begins;
     for (const double begin : found.rests.creeping) begins.push_back(at_time(begin));
@@ -183,9 +183,9 @@ ImportWords import_words(const Recorded& recorded, const ImportFindings& found) 
   append(out.lines, look_lines(recorded, found.looked));
   append(out.lines, scan_lines(rig, found.scanned));
   if (!found.image_folder.empty())
-    out.lines.push_back("images are in " + found.image_folder +
-                        ": this program was built without what searches them; `kincal detect` "
-                        "does, in the samples");
+    out.lines.push_back(
+        "images are in " + found.image_folder +
+        ": this program was built without target detection; run `kincal detect` on the samples");
   TextLines scatter;
   say_scatter(rig, found.samples.seen, scatter, out.notes);
   const TextLines moving = moving_lines(rig, found.samples.seen),

@@ -115,7 +115,7 @@ struct McapReader {
       reading.compressed(how);
       content = unpacked;
     }
-    if (content.size() != size) throw Damage("its size is another than it says");
+    if (content.size() != size) throw Damage("its size differs from the stated size");
     if (sum != 0 && checksum(0, content) != sum)
       throw Damage("its checksum is another: bytes have changed");
     for (Bytes inside{content}; !inside.left.empty() && !reading.ended;) {

@@ -181,7 +181,7 @@ RestSamples samples_of_rests(const Recorded& recorded, const Intervals& rests,
       if (static_cast<double>(found.frames) <
           std::max(1., kRestOfView * static_cast<double>(frames.size()))) {
         ++seen.moving;
-        out.lost[rest] = "what the cameras see moves";
+        out.lost[rest] = "the targets move in the images";
         continue;
       }
       over[rest] = rest_of_view(over[rest], frames, found);
@@ -193,7 +193,7 @@ RestSamples samples_of_rests(const Recorded& recorded, const Intervals& rests,
     const TimeInterval interval = rest_of_poses(recorded, over[rest]);
     std::string& why = out.lost.emplace(rest, "no target is seen").first->second;
     if (interval.length() <= 0) {
-      why = "what the sensors see is never still at once";
+      why = "the views of the sensors are never at rest at the same time";
       continue;
     }
     Sample sample = sample_of_rest(recorded, rest, interval);

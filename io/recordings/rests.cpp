@@ -57,8 +57,8 @@ FoundRests rests_of_images(const Rig& rig, const TimeInterval& recorded, double 
   out.why_none = std::isinf(quietest_frames)
                      ? "no target was found in the images"
                      : text(
-                           "what cameras see is never still for %.3g s: from image to image it "
-                           "moves by %.2g px in the quietest tenth of the time",
+                           "the views of the cameras are never at rest for %.3g s: from image to "
+                           "image they move by %.2g px in the quietest tenth of the time",
                            shortest, quietest_frames);
   return out;
 }

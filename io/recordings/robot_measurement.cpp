@@ -38,7 +38,7 @@ class RigIds {
     }
     if (of_type == 1 && given_topic(rig_, rig_.rig.sensors[only].name).empty()) return only;
     if (!of_type) return -1;  // the rig wants nothing of this kind
-    notes.insert(type + " '" + id + "' of the recording is no sensor of the rig (" +
+    notes.insert(type + " '" + id + "' of the recording is not a sensor of the rig (" +
                  comma_separated(valid) + "): write `topic: " + id +
                  "` into the entry of the one that it is");
     return -1;
@@ -93,7 +93,7 @@ struct MeasurementReader {
         notes.insert("joint '" + name + "' of the recording is not in the robot: left out");
       else if (!std::isfinite(positions[i]))
         notes.insert("sample '" + sample.id + "': the reading of joint '" + name +
-                     "' is no finite number: left out");
+                     "' is not finite: left out");
       else
         sample.readings[joint] = positions[i];
     }
@@ -125,7 +125,7 @@ struct MeasurementReader {
     if (std::all_of(view.z.begin(), view.z.end(), [](double z) { return std::isfinite(z); }))
       return;
     notes.insert("sample '" + sample.id + "': '" + rig.rig.sensors[view.sensor].name +
-                 "' has numbers that are not finite: left out");
+                 "' has values that are not finite: left out");
     sample.views.pop_back();
   }
 

@@ -237,8 +237,7 @@ std::string RobotReadings::restless(double length, double tolerance) const {
   if (most <= 1) return text("each joint rests for %.3g s at times, but never all at once", length);
   return text(
       "joint '%s' is never still for %.3g s: it moves by %.3g mrad (mm) at least in that time; "
-      "%.3g "
-      "is taken for rest",
+      "%.3g counts as rest",
       name.c_str(), length, 2e3 * most * allowed, 2e3 * allowed);
 }
 

@@ -150,8 +150,8 @@ struct Ros1Reader {
       const bool has_one = fields.number<std::uint32_t>("conn_count") > 0;
       if (index == 0 || index > file.size() || (index == file.size() && has_one))
         reading.lost(
-            "what the index at its end would count: the bag was not closed by its recorder, or is "
-            "cut off; its last messages may be missing");
+            "the index at its end: the bag was not closed by its recorder, or is cut off; its last "
+            "messages may be missing");
       else if (index > first)
         file.seek(index), index_records();
     } catch (const Damage&) {

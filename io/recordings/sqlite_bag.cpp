@@ -147,7 +147,7 @@ struct Rows {
   void message(std::int64_t id) try {
     const auto topic = topics.find(sqlite3_column_int64(rows, 1));
     if (topic == topics.end()) throw Damage("its topic is not there");
-    if (sqlite3_column_type(rows, 2) != SQLITE_INTEGER) throw Damage("its time is no number");
+    if (sqlite3_column_type(rows, 2) != SQLITE_INTEGER) throw Damage("its time is not a number");
     if (sqlite3_column_type(rows, 3) != SQLITE_BLOB) throw Damage("it has no data");
     std::string_view data = column_bytes(rows, 3);
     if (packed) {
@@ -210,7 +210,7 @@ void look_for_the_end(const std::string& path, BagReading& reading) {
                       page = width == 1 ? 65536 : width;
   const bool counted = bytes.substr(24, 4) == bytes.substr(92, 4);  // by those who wrote it last
   if (page > 0 && (file.size() % page > 0 || (counted && file.size() < page * pages)))
-    reading.lost("what comes after byte " + std::to_string(file.size()) +
+    reading.lost("the data after byte " + std::to_string(file.size()) +
                  ": the file is cut off. What it has of its last messages may be zeros");
 }
 
@@ -222,8 +222,8 @@ void read_sqlite_bag(const std::string& path, bool packed_messages, BagReading& 
     std::error_code none;
     const std::uintmax_t size = std::filesystem::file_size(path + ending, none);
     if (!none && size > 0)
-      reading.lost("what " + path + ending +
-                   " has: the recorder was stopped while it wrote, and has not put it into the "
+      reading.lost("the contents of " + path + ending +
+                   ": the recorder was stopped while it wrote, and did not merge them into the "
                    "bag. `sqlite3 " +
                    path + " 'PRAGMA wal_checkpoint'` does");
   }

@@ -354,15 +354,15 @@ void say_what_was_set_back(StreamReader& reader) {
   for (const auto& [topic, clock] : reader.clocks) {
     if (clock.set_back == 0 || of_frames(topic)) continue;
     char text[320];
-    std::snprintf(text, sizeof text,
-                  ": its stamps go back by %.3g s, %.1f s after the start%s: the clock of who "
-                  "stamps was set while it was recorded, and what has the same stamps lies over "
-                  "each other. Record again with clocks that run together (chrony) and are not "
-                  "set meanwhile, or give only the part before or after it",
-                  static_cast<double>(clock.largest) * 1e-9, reader.seconds(clock.when),
-                  clock.set_back > 1
-                      ? (" (" + std::to_string(clock.set_back) + " times, this the most)").c_str()
-                      : "");
+    std::snprintf(
+        text, sizeof text,
+        ": its stamps go back by %.3g s, %.1f s after the start%s: the clock of the sender was set "
+        "during the recording, so two parts have the same stamps. Record again with synchronised "
+        "clocks (chrony) that are not set meanwhile, or give only the part before or after it",
+        static_cast<double>(clock.largest) * 1e-9, reader.seconds(clock.when),
+        clock.set_back > 1
+            ? (" (" + std::to_string(clock.set_back) + " times, this the most)").c_str()
+            : "");
     reader.out.notes.push_back(topic + text);
   }
 }
@@ -381,7 +381,7 @@ void say_what_is_left_out(StreamReader& reader) {
                                "twice, or bags that overlap): each counts once");
   for (const auto& [which, count] : reader.not_finite)
     reader.out.notes.push_back(which.first + ": " + std::to_string(count) + " readings of joint '" +
-                               which.second + "' are no finite numbers: left out");
+                               which.second + "' are not finite: left out");
 }
 
 Pose between(const Pose& a, const Pose& b, double share) {
@@ -450,7 +450,7 @@ RecordedStreams read_streams(const std::vector<std::string>& bags, const Progres
   }
   for (const auto& [topic, count] : unreadable)
     reader.out.losses.push_back(std::to_string(count) + " messages of " + topic +
-                                ", of which the first: " + why[topic]);
+                                "; the first: " + why[topic]);
   say_what_is_left_out(reader);
   say_what_was_set_back(reader);
   put_on_one_clock(reader);

@@ -478,8 +478,8 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
   for (const WaySighting& seen : sightings) ways.insert(seen.before);
   if (static_cast<int>(ways.size()) < kLeastWays) {
     out.why_not = before == 0 ? "it saw nothing while the robot moved"
-                              : "what it saw while the robot moved is on fewer than three ways "
-                                "between rests whose targets are known there";
+                              : "its views of the moving robot cover fewer than three moves "
+                                "between rests with known targets";
     return out;
   }
   out.misfit = true;  // unless one is found
@@ -497,14 +497,14 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
   if (!others.empty()) {
     char text[200];
     std::snprintf(text, sizeof text,
-                  "its images on the way fit offsets from %.0f to %.0f ms alike: take some in the "
-                  "midst of the motion (more images a second, slower ways)",
+                  "its images during moves fit offsets from %.0f to %.0f ms equally well: take "
+                  "some in the middle of the motion (more images per second, slower moves)",
                   1e3 * std::min(found, others.front()), 1e3 * std::max(found, others.back()));
     out.why_not = text;
     return out;
   }
   if (few) {
-    out.why_not = "what it saw hardly moved";
+    out.why_not = "its targets hardly moved in the images";
     return out;
   }
   out.offset = mean.offset;

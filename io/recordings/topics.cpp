@@ -136,35 +136,34 @@ void check_joints(const RigFile& rig_file, const RecordedStreams& streams, Topic
   for (const auto& [topic, rate] : slow) {
     char text[160];
     std::snprintf(text, sizeof text,
-                  ": %.2g readings a second are too few to tell when joints rest: record 50 or "
-                  "more, or rests may contain motion",
+                  ": %.2g readings per second are too few to detect rests of the joints: record 50 "
+                  "or more, or rests may contain motion",
                   rate);
     out.notes.push_back(topic + text);
   }
   for (const auto& [topic, joints] : not_taken)
     out.notes.push_back(
-        "what stands on joints " + comma_separated(joints) + " gives no samples: only " + topic +
-        " has them, which " +
+        "views that depend on joints " + comma_separated(joints) + " give no samples: only " +
+        topic + " has them, which " +
         (given_joint_topics(rig_file).empty()
-             ? "is taken for what they should do, by its name. If it is what they did, write "
-               "`topic: " +
+             ? "has commands, judging by its name. If it has measured positions, write `topic: " +
                    topic + "` into the rig's joints; else record their joint states"
              : "the rig's joints.topic does not name"));
   if (missing.empty()) return;
   const std::string recorded = "the recording has";
   if (there.empty())
     out.notes.push_back("no topic has joint states: the readings of " + comma_separated(missing) +
-                        " are missing, and what stands on these joints gives no samples");
+                        " are missing, and views that depend on these joints give no samples");
   else if (missing.size() <= kMostJoints)
     for (const std::string& name : missing)
       out.notes.push_back("joint '" + name +
-                          "' is on no topic, what stands on it gives no samples" +
+                          "' is on no topic: views that depend on it give no samples" +
                           nearest_or_all(name, there, recorded));
   else
-    out.notes.push_back("joints " + comma_separated(missing) +
-                        " are on no topic, what stands on them gives no samples; the recording "
-                        "has joints " +
-                        comma_separated(there));
+    out.notes.push_back(
+        "joints " + comma_separated(missing) +
+        " are on no topic: views that depend on them give no samples; the recording has joints " +
+        comma_separated(there));
 }
 
 void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& out) {
@@ -202,7 +201,7 @@ void find_joints(const RigFile& rig, const RecordedStreams& streams, TopicMap& o
       if (!why.empty())
         throw InputError(rig.path + ": joints: " + why + ": write `topic: " + taken.topic +
                          "` or `topic: " + other.topic +
-                         "` into `joints` of the rig, whichever has what the joints did");
+                         "` into `joints` of the rig, whichever has the measured positions");
       others[taken.topic].push_back(other.topic);
     }
   }
@@ -253,7 +252,7 @@ void find_floating(const RigFile& rig, const RecordedStreams& streams, TopicMap&
           (given.empty() || std::count(given.begin(), given.end(), s.topic)))
         candidates.push_back(static_cast<int>(i));
     }
-    std::string why = "as the rig says";
+    std::string why = "as in the rig";
     if (given.empty()) {
       const std::string& parent = written.links[static_cast<size_t>(written.joints[j].parent)];
       source = frames_source(streams, parent, child);
@@ -340,7 +339,7 @@ void find_pose_sensors(const RigFile& rig, const RecordedStreams& streams, Topic
     out.pose_targets[s] = target;
     out.lines.push_back("sensor " + sensors[s].name + ": " + p.topic + " of target " +
                         rig.rig.targets[static_cast<size_t>(target)].name + " (" +
-                        (!given.empty() ? "as the rig says"
+                        (!given.empty() ? "as in the rig"
                          : by_name      ? "guessed by its name"
                                         : "guessed: the only poses") +
                         ")");
@@ -368,7 +367,7 @@ void find_scans(const RigFile& rig, const RecordedStreams& streams, TopicMap& ou
       out.scans[s] = candidates[0];
       out.lines.push_back("sensor " + sensors[s].name + ": " +
                           streams.scans[static_cast<size_t>(candidates[0])].topic + " (" +
-                          (given.empty() ? "guessed" : "as the rig says") + ")");
+                          (given.empty() ? "guessed" : "as in the rig") + ")");
     } else if (candidates.size() > 1 || !given.empty()) {
       out.notes.push_back("sensor '" + sensors[s].name +
                           "': which scans are its is not clear: write `topic: ...` into its entry "

@@ -156,25 +156,25 @@ std::string statement(const Field& all) {
       rounded(position["freedom"].number(), 3) +
       " of positions), the noise of the instrument (rms " + figure(distance["instrument"]) +
       " mm of a distance, " + figure(position["instrument"]) +
-      " mm of a position, taken out of the figures above), how well that is known (" +
+      " mm of a position, subtracted from the figures above), and the uncertainty of this noise (" +
       rounded(100 * instrument["known"].number(), 2) +
       " %). The largest errors, and those as seen, contain the instrument's noise.</p>\n";
   if (!is_absent(instrument["base_sigma"]))
     out +=
-        "<p>Positions are relative to the instrument as the calibration places it. Relative to "
-        "the robot's base link that is known to " +
+        "<p>Positions are relative to the instrument at its calibrated pose. Relative to the "
+        "robot's base link the uncertainty of that pose is " +
         figure(instrument["base_sigma"]) +
         " mm (k = 1), which is not in the limits: no measurement here is of the base link.</p>\n";
   out +=
-      "<p>Decision rule (ISO "
-      "14253-1): <em>pass</em> where the upper limit is below the tolerance, <em>fail</em> where "
-      "the lower limit is above it, else <em>not provable</em>. It is about postures spread as "
-      "those that were measured.</p>\n<p>";
+      "<p>Decision rule (ISO 14253-1): <em>pass</em> where the upper limit is below the tolerance, "
+      "<em>fail</em> where the lower limit is above it, else <em>not provable</em>. It applies to "
+      "postures distributed like the measured ones.</p>\n"
+      "<p>";
   out += "Before is the nominal robot; the instrument's pose is fitted to these samples for it. ";
   const Field fitted = instrument["refitted"];
-  out += fitted.boolean() ? "After, it is fitted likewise; the six fitted numbers are accounted "
-                            "for.</p>\n"
-                          : "After, it is that of the calibration.</p>\n";
+  out += fitted.boolean()
+             ? "After, it is fitted likewise; the six fitted components are accounted for.</p>\n"
+             : "After, it is that of the calibration.</p>\n";
   const Field notes = all["notes"];
   for (size_t i = 0; i < notes.size(); ++i)
     out += "<p>Note: " + html(notes.item(i).string()) + ".</p>\n";

@@ -227,7 +227,7 @@ std::string covariance_data(const std::string& csv) {
 
 OrderedJson parsed(const std::string& text, const std::string& place) {
   OrderedJson json = OrderedJson::parse(text, nullptr, false);
-  if (!json.is_object()) throw InputError(place + ": this is no result.json of kincal");
+  if (!json.is_object()) throw InputError(place + ": this is not a result.json of kincal");
   return json;
 }
 
@@ -368,7 +368,7 @@ std::string overview_page(const std::vector<OverviewEntry>& entries) {
     try {
       list.push_back(overview_entry(e));
     } catch (const OrderedJson::exception&) {
-      throw InputError(e.folder + "/result.json: this is no result.json of kincal");
+      throw InputError(e.folder + "/result.json: this is not a result.json of kincal");
     }
   }
   return with_data("{\"version\":1,\"overview\":" + compact(list) + "}");

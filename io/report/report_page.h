@@ -23,7 +23,7 @@ struct OverviewEntry {
   std::string folder, result_json;  // the name that it is shown with; the text
   std::string link;  // of its own page, relative to the overview's; empty: there is none
 };
-/// Returns what stands for the result.json of a calibration that made none, because of `error`.
+/// Returns the page's data for a calibration that failed with `error` and has no result.json.
 std::string failed_result(const std::string& error);
 /// Returns the page of several results. @throws InputError
 std::string overview_page(const std::vector<OverviewEntry>& entries);

@@ -62,7 +62,7 @@ ResultToApply open_result(const std::string& result_path, bool force) {
   out.node = parse_json(text, out.path);
   const Field all = out.all();
   if (!all.has("robot") || !all["robot"].has("joints"))
-    throw InputError(out.path + ": is no result of `kincal calibrate`: it has no robot.joints");
+    throw InputError(out.path + ": is not a result of `kincal calibrate`: it has no robot.joints");
   out.doubt = verdict_doubt(all);
   if (!force && all["status"].string() != "converged")
     throw InputError(
@@ -158,7 +158,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
       if (t.joint == name) changes.reductions[name] = reductions[name]["new"].number();
   }
   if (held == joints.size() && held > 0)
-    throw InputError(urdf.path + ": holds the changes of " + path + " already");
+    throw InputError(urdf.path + ": already has the changes of " + path + " already");
   if (held > 0)
     throw InputError(urdf.path + ": holds " + std::to_string(held) + " of the " +
                      std::to_string(joints.size()) + " changes of " + path + " already");
@@ -171,7 +171,7 @@ AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, boo
   try {
     prove_urdf(out.text, urdf, fold_offsets(urdf.tree, origins, back), offsets);
   } catch (const std::runtime_error& error) {
-    throw InputError(path + ": robot: its numbers do not fit each other: " + error.what());
+    throw InputError(path + ": robot: its values are inconsistent: " + error.what());
   }
   return out;
 }
@@ -187,7 +187,7 @@ AppliedResult apply_to_mjcf(const std::string& result_path, const std::string& t
   const Field joints = robot_of(result.all())["joints"];
   for (const auto& [name, ignored] : joints.members()) {
     const int j = tree.find_joint(name);
-    if (j < 0) joints[name].fail("is no joint of " + rig_file.urdf.path);
+    if (j < 0) joints[name].fail("is not a joint of " + rig_file.urdf.path);
     robot.before[j] = read_exact_pose(joints[name]["old"]);
     if (apart(robot.after[j], read_exact_pose(joints[name]["new"])) > kSame)
       joints[name].fail("is not that of " + rig_file.urdf.path +

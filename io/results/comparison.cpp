@@ -245,8 +245,8 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
   for (const CalibratedFiles* f : {&a, &b}) {
     if (f->status.empty())
       out.notes.push_back(f->path +
-                          " has no result.json: there are no sigmas of it, and joint offsets that "
-                          "were folded into its robot cannot be distinguished from origins");
+                          " has no result.json: it has no sigmas, and joint offsets folded into "
+                          "its robot cannot be distinguished from origins");
     else if (f->status != "converged")
       out.notes.push_back(f->path + ": status " + f->status);
   }

@@ -130,7 +130,8 @@ Evidence sight(const CalibratedFiles& files, Information data, const std::string
   for (Eigen::Index i = 0; i < n; ++i) {
     const auto found = components.find(data.names[i]);
     if (found == components.end())
-      throw InputError(path + ":1: '" + data.names[i] + "' is no parameter of the rig beside it");
+      throw InputError(path + ":1: '" + data.names[i] +
+                       "' is not a parameter of the rig beside it");
     const Component c = found->second;
     const Parameter& p = table.all[c.parameter];
     scale(i) = scales(table, c, files.values).usual;
@@ -322,7 +323,7 @@ std::vector<std::string> find_results(const std::vector<std::string>& paths) {
     std::error_code ignored;
     if (!fs::is_directory(path, ignored))
       throw InputError(path +
-                       ": is no directory: result directories are expected, or folders of them");
+                       ": is not a directory: result directories are expected, or folders of them");
     std::vector<std::string> below;
     find_below(path, kLevels, below);
     if (below.empty())
@@ -339,7 +340,8 @@ double seconds_of_date(const std::string& text) {
   int year = 0, month = 0, day = 1, hour = 0, minute = 0, used = 0;
   double second = 0;
   const auto refuse = [&] {
-    throw std::invalid_argument("'" + text + "' is no date as 2026-03-01 or 2026-03-01T12:30:00Z");
+    throw std::invalid_argument("'" + text +
+                                "' is not a date like 2026-03-01 or 2026-03-01T12:30:00Z");
   };
   const char* rest = text.c_str();
   if (std::sscanf(rest, "%4d-%2d%n", &year, &month, &used) != 2 || used != 7) refuse();
@@ -455,7 +457,7 @@ std::vector<int> fleet_numbers(const Fleet& fleet, const std::vector<std::string
       any = true;
     }
     if (!any && !where.empty())
-      throw InputError(where + ": '" + pattern + "' matches no number of the results" +
+      throw InputError(where + ": '" + pattern + "' matches no parameter of the results" +
                        nearest_names(pattern, names));
   }
   return {out.begin(), out.end()};

@@ -10,14 +10,14 @@
 
 namespace kincal {
 
-/// A Fleet is what result directories say of the robots that they are about.
+/// A Fleet is the information of result directories on their robots.
 struct Fleet {
   std::vector<FleetNumber> numbers;
   std::vector<FleetResult> results;
   std::string reference;  // the result whose poses those of all count from
   std::vector<std::pair<std::string, std::string>> left_out;  // result, why
-  /// Results that were made with another rig than most, and how it differs: what their data hardly
-  /// tell may look off for that alone.
+  /// Results made with another rig than most, and the differences. Poorly determined parameters of
+  /// these results may differ for this reason alone.
   std::vector<std::pair<std::string, std::string>> other_rigs;
 };
 
@@ -33,7 +33,7 @@ Fleet read_fleet(const std::vector<std::string>& results, const Progress& progre
 /// @throws std::invalid_argument
 double seconds_of_date(const std::string& text);
 
-/// Returns the numbers that names or globs mean. @throws InputError: one means none
+/// Returns the parameters that names or patterns match. @throws InputError: one matches none
 std::vector<int> fleet_numbers(const Fleet& fleet, const std::vector<std::string>& patterns,
                                const std::string& where);
 

@@ -270,7 +270,7 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
   const std::string mark = result.status == Status::converged
                                ? ""
                                : "# kincal: status " + status_name(result.status) +
-                                     ", see intrinsics.json: do not rely on these numbers.\n";
+                                     ", see intrinsics.json: do not rely on these values.\n";
   return {{"robot.urdf", rig_file.urdf.text},
           {"rig.yaml", mark + rig_text(written, values, "robot.urdf")},
           {"intrinsics.json", json_text(result_of(rig_file, result, source))},

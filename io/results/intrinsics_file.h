@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// An IntrinsicsSource is what the result was made from.
+/// An IntrinsicsSource is the input of the result.
 struct IntrinsicsSource {
   std::string version, command, samples_hash;  // of the program; the command line; SHA-256
 };
@@ -25,13 +25,12 @@ std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile&
                                                                   const IntrinsicsResult& result,
                                                                   const IntrinsicsSource& source);
 
-/// Returns whether the lenses of a rig come from these samples: whether intrinsics.json, where
-/// `kincal intrinsics` wrote it beside the rig, has their hash. What cannot be read says no.
+/// Returns whether the lenses of the rig come from these samples: whether the intrinsics.json that
+/// `kincal intrinsics` wrote beside the rig has their hash. False if it cannot be read.
 bool lenses_are_from(const std::string& rig_path, const std::string& samples_hash);
 
-/// Takes what such a rig says of how well its lenses and bent boards are known (the priors that
-/// intrinsics_files() writes) back to next to nothing: the samples say it again, and would count
-/// twice.
+/// Widens the priors on lenses and warps that intrinsics_files() wrote into the rig until they have
+/// almost no weight: the same samples determine these parameters again, and would count twice.
 void forget_lenses(Rig& rig);
 
 }  // namespace kincal

@@ -38,7 +38,7 @@ LocalPosture posture_of_list(const std::string& text, const Rig& rig) {
     const Node value = scalar_node(part.substr(equals + 1));
     const int joint = find_joint(rig.tree, part.substr(0, equals), where);
     if (!out.emplace(joint, Field{&value, &where, part.substr(0, equals)}.number()).second)
-      throw InputError(where + ": joint '" + part.substr(0, equals) + "' stands twice");
+      throw InputError(where + ": joint '" + part.substr(0, equals) + "' occurs twice");
     begin = end + 1;
   }
   return out;
@@ -140,7 +140,7 @@ LocalPosture read_local_posture(const std::string& text, const Rig& rig,
   std::error_code ignored;
   if (std::filesystem::is_regular_file(text, ignored)) return posture_of_file(text, rig);
   if (text.find('=') != std::string::npos) return posture_of_list(text, rig);
-  throw InputError("--near: '" + text + "' is no sample's id, no file and not joint=value,..." +
+  throw InputError("--near: '" + text + "' is not the id of a sample, a file or joint=value,..." +
                    nearest_names(text, ids));
 }
 
@@ -152,14 +152,14 @@ std::string local_json(const Rig& rig, const LocalPosture& posture, const LocalC
 std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
                        const LocalSource& source) {
   const std::string comment =
-      local.gain ? "# Joint offsets around one posture: position = scale * reading + the rig's "
-                   "offset + this.\n"
-                   "# Not for use elsewhere than around this posture (`radius`: no joint of it "
-                   "further away, rad or m).\n"
-                   "# Do not fold into the URDF: that is for the whole workspace.\n"
-                 : "# No local offsets: the global calibration is as good here (`gain: false`). "
-                   "Offsets are 0.\n"
-                   "# Of this posture only; do not fold into the URDF.\n";
+      local.gain
+          ? "# Joint offsets around one posture: position = scale * reading + the rig's offset + "
+            "this.\n"
+            "# Use only around this posture (`radius`: largest difference of a joint, rad or m).\n"
+            "# Do not fold into the URDF, which is for the whole workspace.\n"
+          : "# No local offsets: the global calibration is as good here (`gain: false`). "
+            "Offsets are 0.\n"
+            "# Of this posture only; do not fold into the URDF.\n";
   Node node = parse_json(json_text(json_of(rig, posture, local, source)), "local.yaml");
   unquote(node);
   return comment + to_yaml(node);

@@ -94,7 +94,7 @@ Unknowns read_unknowns(const FileText& file, const Field& result, const Paramete
   for (Eigen::Index c = 0; c < n; ++c) {
     const Component found = find_component(table, rows[0][c]);
     if (found.parameter < 0)
-      throw InputError(path + ":1: '" + rows[0][c] + "' is no parameter of the rig beside it");
+      throw InputError(path + ":1: '" + rows[0][c] + "' is not a parameter of the rig beside it");
     out.columns.push_back(found);
     ++components[found.parameter];
     if (rows[c + 1].size() != rows[0].size())
@@ -141,7 +141,7 @@ void add_result(const FileText& result, const FileText* covariance, bool alone,
   if (!all.has("robot") || !all.has("parameters") || !all.has("status"))
     throw InputError(
         result.path +
-        ": is no result of `kincal calibrate`: it has no robot, parameters and status");
+        ": is not a result of `kincal calibrate`: it has no robot, parameters and status");
   unfold(all[alone ? "rigid_robot" : "robot"], out);
   out.status = all["status"].string();
   if (std::string doubt = verdict_doubt(all); !doubt.empty()) out.doubts.push_back(doubt);
@@ -150,10 +150,10 @@ void add_result(const FileText& result, const FileText* covariance, bool alone,
   for (const auto& [name, estimate] : parameters.members()) {
     const int p = find_parameter(out.table, name);
     if (p < 0)
-      throw InputError(parameters[name].where() + ": is no parameter of " + out.rig_file.path);
+      throw InputError(parameters[name].where() + ": is not a parameter of " + out.rig_file.path);
     std::vector<double> sigma = numbers_or_null(parameters[name]["sigma"]);
     if (static_cast<int>(sigma.size()) != out.table.all[p].size())
-      parameters[name]["sigma"].fail("a number a component is expected");
+      parameters[name]["sigma"].fail("one number per component is expected");
     out.sigma[name] = std::move(sigma);
   }
   if (covariance) out.unknowns = read_unknowns(*covariance, all, out.table);

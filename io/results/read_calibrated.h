@@ -32,9 +32,9 @@ struct CalibratedFiles {
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };
-/// Reads a calibration. `rigid`: for software in which joints cannot bend and have no error curves;
-/// where the result's do, that is the best robot without them (rig_rigid.yaml), of which neither
-/// sigmas nor covariance are known. @throws InputError
+/// Reads a calibration. `rigid`: for software in which joints cannot bend and have no error curves.
+/// If the result has them, this is the best robot without them (rig_rigid.yaml), without sigmas and
+/// covariance. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path, bool rigid = false);
 
 /// Reads one from the texts of a result: rig.yaml, result.json, the robot (robot_unbent.urdf if
@@ -45,7 +45,7 @@ CalibratedFiles parse_calibrated(const ResultFiles& files, const std::string& fo
 /// Returns what a monitor begins with. @throws InputError: the files have no covariance
 CalibratedState state_of(const CalibratedFiles& files);
 
-/// Returns what a result.json says against using the result: its verdict, unless that is good; else
+/// Returns the reason in a result.json not to use the result: its verdict, unless it is good; else
 /// "".
 std::string verdict_doubt(const Field& result);
 

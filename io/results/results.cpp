@@ -299,7 +299,7 @@ ResultFiles make_results(const RigFile& rig_file, const Report& report,
   const std::string mark = solution.status == Status::converged
                                ? ""
                                : "# kincal: status " + status_name(solution.status) +
-                                     ", see result.json: do not rely on these numbers.\n";
+                                     ", see result.json: do not rely on these values.\n";
   out.rig_yaml = mark + out.rig_yaml;
 
   out.mounts = mount_texts(rigid);

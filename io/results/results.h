@@ -54,7 +54,7 @@ struct ResultOptions {
 ResultFiles make_results(const RigFile& rig_file, const Report& report,
                          const ResultOptions& options);
 
-/// Returns the names of a result's files, and which text each has. What is empty is not written:
+/// Returns the names of a result's files and the text of each. Empty ones are not written:
 /// robot.urdf of a robot without one, residuals.csv, loops.csv, batch.json.
 const std::vector<std::pair<const char*, std::string ResultFiles::*>>& result_file_names();
 

@@ -18,7 +18,7 @@ Pose read_exact_pose(const Field& field) {
   const Matrix3d rotation =
       Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rows.data());
   if (!((rotation * rotation.transpose()).isIdentity(1e-9) && rotation.determinant() > 0))
-    field["rotation"].fail("is no rotation");
+    field["rotation"].fail("is not a rotation");
   return {rotation, Eigen::Map<const Vector3d>(xyz.data())};
 }
 

@@ -79,7 +79,7 @@ void give_names(std::vector<T>& things, const char* option, const F& base) {
   std::set<std::string> taken;
   for (const T& t : things)
     if (!t.name.empty() && !taken.insert(t.name).second)
-      throw InputError(std::string(option) + ": the name '" + t.name + "' stands twice");
+      throw InputError(std::string(option) + ": the name '" + t.name + "' occurs twice");
   for (T& t : things) {
     if (!t.name.empty()) continue;
     const std::string plain = base(t);
@@ -124,7 +124,7 @@ std::string target_text(const NewTarget& t) {
   if (t.link.empty())
     return out + "    mount: free                  # its own pose in every sample\n";
   return out + "    mount:\n      link: " + yaml_text(t.link) + "\n    " + pose +
-         "   # link_T_target; left away: found from the data\n";
+         "   # link_T_target; if omitted: found from the data\n";
 }
 
 /// Whether a text is a dictionary of markers or a family of tags, as OpenCV calls them.
@@ -158,7 +158,7 @@ void complete(NewRig& rig) {
 /// What stands above the targets: the robot and the noise of its joints.
 std::string head_text(const Tree& tree, const std::string& robot) {
   if (robot.empty())
-    return "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
+    return "# Made by `kincal init`. Replace values marked GUESS by known ones.\n"
            "format: kincal/1\n"
            "# No URDF: each sample has the pose of the flange in the base as the robot reports "
            "it,\n"
@@ -170,7 +170,7 @@ std::string head_text(const Tree& tree, const std::string& robot) {
            "# Noise of the poses, m and rad (0: exact). Not stated, it is found from the data.\n"
            "# joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}\n";
   std::string out =
-      "# Made by `kincal init`. What is marked GUESS is to be replaced by what you know.\n"
+      "# Made by `kincal init`. Replace values marked GUESS by known ones.\n"
       "format: kincal/1\n"
       "robot: " +
       yaml_text(robot) +
@@ -356,21 +356,21 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
       for (const char* axis : {"x", "y", "z"}) add("target/" + t.name + "/pose." + axis);
   }
   if (rig.robot.empty())
-    return "\n# Without `estimate`, `kincal calibrate` frees all that could be wrong. Steps of "
-           "your "
-           "own:\n# estimate:\n#   - step: mounts\n#     free: [" +
+    return "\n# Without `estimate`, `kincal calibrate` estimates every parameter that may be "
+           "wrong. Your own steps:\n"
+           "# estimate:\n"
+           "#   - step: mounts\n"
+           "#     free: [" +
            poses + "]\n";
   const std::string chain = example_chain(tree, rig);
   std::string out =
-      "\n# Without `estimate`, `kincal calibrate` frees all that could be wrong, learns from the "
-      "data "
-      "how far such numbers are off,\n"
-      "# and keeps what there is no evidence against. To choose yourself, steps such as these "
-      "(each starts where the one before "
-      "ended; `kincal calibrate --dry-run` shows "
-      "what\n"
-      "# they free; offsets of the first and last joint are often the mounts' own: --fix them "
-      "where they come out as unobservable):\n"
+      "\n# Without `estimate`, `kincal calibrate` estimates every parameter that may be wrong, "
+      "with priors learned from the data,\n"
+      "# and keeps nominal values without evidence of error. To choose yourself, use steps like "
+      "these (each starts from the result of the\n"
+      "# one before; `kincal calibrate --dry-run` shows their parameters; offsets of the first and "
+      "last joint often cannot be separated\n"
+      "# from mounts: --fix them if they are reported as unobservable):\n"
       "# estimate:\n"
       "#   - step: mounts\n"
       "#     free: [" +
@@ -383,8 +383,8 @@ std::string steps_text(const Tree& tree, const NewRig& rig) {
       "#     priors: {\"joint/*/offset\": 0.05}\n";
   if (!chain.empty())
     out +=
-        "#   - step: geometry                # the independent numbers of the chain; they contain "
-        "the offsets\n"
+        "#   - step: geometry                # the independent components of the chain, offsets "
+        "included\n"
         "#     free: [" +
         poses + ", " + yaml_text(chain) +
         "]\n"
@@ -479,8 +479,8 @@ std::string new_rig_text(const Urdf& urdf, NewRig rig) {
   std::string out = head_text(tree, rig.robot) + "\ntargets:\n";
   for (const NewTarget& t : rig.targets) out += target_text(t);
   out +=
-      "\n# Poses are link_T_sensor. One that is left away is found from the data where a step "
-      "frees it wholly, else it is the identity.\n"
+      "\n# Poses are link_T_sensor. An omitted pose is found from the data if a step estimates all "
+      "of it, else it is the identity.\n"
       "sensors:\n";
   size_t camera = 0;
   for (const NewSensor& s : rig.sensors) {

@@ -129,14 +129,14 @@ int read_mount_joint(const Field& field, const Tree& tree, int link) {
     valid.push_back("joint/" + tree.joints[j].name);
     if (valid.back() == given) return j;
   }
-  field.fail(
-      "'" + given + "' is no fixed joint that link '" + tree.links[link] + "' hangs on; valid: " +
-      (valid.empty()
-           ? "none" +
-                 (j < 0 ? ": the link is the robot's root"
-                        : ", for joint '" + tree.joints[j].name + "' above it is not fixed") +
-                 "; leave the key away: the pose is calibrated then"
-           : comma_separated(valid)));
+  field.fail("'" + given + "' is not a fixed joint that link '" + tree.links[link] +
+             "' hangs on; valid: " +
+             (valid.empty() ? "none" +
+                                  (j < 0 ? ": the link is the robot's root"
+                                         : ", for joint '" + tree.joints[j].name +
+                                               "' above it is not fixed") +
+                                  "; leave the key away: the pose is calibrated then"
+                            : comma_separated(valid)));
 }
 
 void read_mount(const Field& field, const Tree& tree, int base, Target& target) {
@@ -197,7 +197,7 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
   if (field.has("first_id")) field["first_id"].integer(0, kMostPoints);
   read_mount(field["mount"], tree, base, target);
   if (!field.has("mount_joint")) return target;
-  if (target.link < 0) field["mount_joint"].fail("a free target hangs on no joint");
+  if (target.link < 0) field["mount_joint"].fail("a free target is not on a joint");
   target.mount_joint = read_mount_joint(field["mount_joint"], tree, target.link);
   target.pose_given = true;  // absent: the identity
   return target;
@@ -386,7 +386,7 @@ std::vector<Step> read_steps(const Field& field, const Names& sensors) {
     steps.push_back(read_step(field.item(i), sensors));
     for (size_t k = 0; k < i; ++k)
       if (steps[k].name == steps[i].name)
-        field.item(i)["step"].fail("a step '" + steps[i].name + "' stands already above");
+        field.item(i)["step"].fail("a step '" + steps[i].name + "' is already above");
   }
   return steps;
 }

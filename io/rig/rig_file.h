@@ -26,14 +26,14 @@ struct RigFile {
   std::string serial, time;  // of the robot and the recording, as they stand; for the record
 };
 
-/// Reads a rig and its robot. `urdf_path` is a robot in place of the rig's; joint offsets of the
-/// rig are then taken as folded into it (0), scales and further numbers stay. `models` are the
-/// joint models that the rig can name. @throws InputError
+/// Reads a rig and its robot. `urdf_path` replaces the rig's robot; joint offsets of the rig are
+/// then assumed to be folded into it (0), scales and other joint parameters are kept. `models` are
+/// the joint models that the rig can name. @throws InputError
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
                  const JointModels& models = joint_models());
-/// Reads a rig from a text; `path` is for messages, and what the rig names stands beside it.
-/// `robot` is the robot, else (null) the file that the rig names is read; of a rig whose robot is
-/// known by its flange it is not looked at. One without text is an error where it is needed.
+/// Reads a rig from a text. `path` is for messages and for files that the rig names, which are
+/// beside it. `robot` is the robot; if null, the file that the rig names is read. It is not used if
+/// the rig's robot reports only its flange poses. A robot without text is an error if it is needed.
 /// @throws InputError
 RigFile parse_rig(std::string text, const std::string& path, const Urdf* robot = nullptr,
                   const JointModels& models = joint_models());

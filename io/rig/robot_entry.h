@@ -8,7 +8,7 @@
 
 namespace kincal {
 
-/// The joint of a robot that is known by the poses of its flange only.
+/// The joint of a robot that reports only the poses of its flange.
 constexpr const char* kFlangeJoint = "flange";
 /// Makes the URDF of such a robot: two links and a floating joint between them.
 /// @throws std::invalid_argument: equal or unusable names

@@ -152,7 +152,7 @@ std::vector<int> read_ids(const Field& view, const Field& payload, const Target&
   std::vector<char> seen(all, 0);
   for (size_t i = 0; i < field.size(); ++i) {
     const int id = field.integer_item(i, 0, all - 1);
-    if (seen[id]) field.item(i).fail("point " + std::to_string(id) + " stands twice");
+    if (seen[id]) field.item(i).fail("point " + std::to_string(id) + " occurs twice");
     seen[id] = 1;
     ids.push_back(id);
   }

@@ -18,7 +18,7 @@ std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
                                   const Progress& progress = {});
 
-/// The reading of a floating joint: a pose, of which nothing may be left away. @throws InputError
+/// The reading of a floating joint: a complete pose. @throws InputError
 Pose read_pose_reading(const Field& field);
 /// Writes readings (by joint, NaN: absent) as one JSON mapping.
 std::string readings_text(const Tree& tree, const std::vector<double>& readings);

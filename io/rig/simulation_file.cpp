@@ -66,7 +66,7 @@ void read_views(const Field& field, const Rig& rig, Posture& posture) {
     const int t = index_of(view["target"], view["target"].string(), rig.targets, "target");
     const std::pair<int, int> pair{s, t};
     if (std::find(posture.views.begin(), posture.views.end(), pair) != posture.views.end())
-      view.fail("the view stands twice");
+      view.fail("the view occurs twice");
     posture.views.push_back(pair);
     for (int j : needed_readings(rig, s, t))
       if (std::isnan(posture.readings[j]))
@@ -211,7 +211,7 @@ VectorXd parse_truth(const std::string& text, const std::string& path,
     for (size_t k = 0; k < numbers.size(); ++k) {
       const int c = first + static_cast<int>(k);
       double& slot = values[place->second.parameter][c];
-      if (!std::isnan(slot)) field.fail("'" + p.component_name(c) + "' stands twice");
+      if (!std::isnan(slot)) field.fail("'" + p.component_name(c) + "' occurs twice");
       slot = numbers[k];
       if (const char* why = improper_value(p, c, slot)) field.fail(why);
     }

@@ -256,7 +256,7 @@ void ModelEditor::place(size_t b) {
   const double off = difference_of(p.link_T_body, Pose()),
                off_after = difference_of(inverse(after) * start * above_T_body, Pose());
   if (off_after <= kProvedModel && off_after < off)
-    fail(xml_, body.element, "holds the changes of the result already");
+    fail(xml_, body.element, "already has the changes of the result");
   if (off <= kRoundedModel) {
     p.link_T_body = Pose();
     rounded_ = std::max(rounded_, off);
@@ -336,8 +336,7 @@ void ModelEditor::write_marks() {
     }
     if (!found)
       out_.notes.push_back("sensor '" + camera.name +
-                           "' is left away: the model has no <camera name=\"" + camera.name +
-                           "\">");
+                           "' is left out: the model has no <camera name=\"" + camera.name + "\">");
   }
   for (const MjcfMark& mark : model_.sites) {
     Pose link_T_here;
@@ -373,14 +372,14 @@ void ModelEditor::note_what_is_missing() {
     throw InputError(xml_.path + ": no body has the name of a link that the result moves: " +
                      comma_separated(missing) + " are not in it");
   if (!missing.empty())
-    out_.notes.push_back("not in the model, their changes are left away: joints " +
+    out_.notes.push_back("not in the model, their changes are left out: joints " +
                          comma_separated(missing));
   if (!prefix_.empty())
     out_.notes.push_back("its names are those of the robot without '" + prefix_ + "'");
   if (rounded_ > kToldRounding)
-    out_.notes.push_back("its bodies were up to " + rounded(rounded_, 2) +
-                         " m or rad from the robot as it was before the calibration: rounded "
-                         "numbers, which are exact now");
+    out_.notes.push_back(
+        "its bodies were up to " + rounded(rounded_, 2) +
+        " m or rad from the robot before the calibration: rounded values, which are exact now");
   if (!turned_.empty())
     out_.notes.push_back("how they are turned is `quat` now: " + comma_separated(turned_));
   if (!kept_.empty())

@@ -189,7 +189,7 @@ void Reader::read_children(const pugi::xml_node& element, int body, const Pose& 
     } else if (kind == "site") {
       model.sites.push_back(mark(child, body, body_T_here));
     } else if (kind == "replicate") {
-      fail(xml, child, "replicated bodies are not known here: let MuJoCo save the model");
+      fail(xml, child, "replicated bodies are not supported: let MuJoCo save the model");
     }
   }
 }
@@ -207,12 +207,12 @@ Mjcf read_mjcf(Xml& xml) {
   const pugi::xml_node root = load_document(xml);
   if (std::strcmp(root.name(), "mujoco") != 0)
     throw InputError(at_offset(xml, root.offset_debug()) + ": <" + root.name() +
-                     "> is no MuJoCo model; the top element must be <mujoco>");
+                     "> is not a MuJoCo model; the top element must be <mujoco>");
   for (pugi::xml_node n = root; n; n = next_node(n))
     if (std::strcmp(n.name(), "include") == 0)
       fail(xml, n,
-           "what it includes is not read: take the file that has the bodies, or let MuJoCo save "
-           "the whole model");
+           "included files are not read: use the file that has the bodies, or let MuJoCo save the "
+           "whole model");
   Reader reader{xml, {}, {}, {}, {}};
   reader.read_compiler(root);
   reader.read_defaults(root);

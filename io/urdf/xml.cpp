@@ -57,7 +57,7 @@ void check_element(const Xml& xml, const pugi::xml_node& element) {
          other = other.next_attribute())
       if (std::strcmp(attribute.name(), other.name()) == 0)
         throw InputError(where(xml, element) + "not well-formed XML: attribute '" + other.name() +
-                         "' stands twice");
+                         "' occurs twice");
   }
 }
 
@@ -118,7 +118,7 @@ pugi::xml_node load(Xml& xml) {
   const pugi::xml_node robot = load_document(xml);
   if (std::strcmp(robot.name(), "robot") != 0)
     throw InputError(at_offset(xml, robot.offset_debug()) + ": <" + robot.name() +
-                     "> is no URDF; the top element must be <robot>");
+                     "> is not a URDF; the top element must be <robot>");
   return robot;
 }
 
@@ -182,7 +182,7 @@ std::string name_in(const Xml& xml, const pugi::xml_node& element, const char* a
 
 pugi::xml_node only_child(const Xml& xml, const pugi::xml_node& element, const char* name) {
   const pugi::xml_node child = element.child(name), second = child.next_sibling(name);
-  if (second) fail(xml, second, "stands twice; one is allowed");
+  if (second) fail(xml, second, "occurs twice; one is allowed");
   return child;
 }
 

@@ -7,7 +7,7 @@
 namespace kincal {
 
 /// Returns the equations of the last step's data, private unknowns eliminated, without the priors
-/// of shared ones; on the automatic path also of what was held.
+/// of shared ones; on the automatic path also those of fixed parameters.
 DataEquations data_equations(const Linearisation& at);
 
 }  // namespace kincal

@@ -29,8 +29,8 @@
 
 namespace kincal {
 
-/// A Frame is a link, or the frame of a sensor (of a chain: of what it holds) or mounted target on
-/// it.
+/// A Frame is a link, or the frame of a sensor or mounted target on it (for a chain: of the target
+/// that it holds).
 struct Frame {
   std::string name;  // LINK, sensor/NAME, target/NAME
   int link = -1;

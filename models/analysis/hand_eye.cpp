@@ -125,25 +125,25 @@ MotionLack motion_lack(const Recording& recording) {
   const std::string turn =
       "turn " + turned.it + " about at least two axes that are not parallel, by 30 degrees or more";
   const std::string otherwise =
-      flange < 0 ? ""
-                 : "where it cannot turn, as that of a gantry, measure where the sensor or the "
-                   "target is, write that pose into the rig, and hold its place (--fix "
-                   "'sensor/NAME/pose.[xyz]')";
+      flange < 0
+          ? ""
+          : "if it cannot turn (a gantry), measure the position of the sensor or the target, write "
+            "that pose into the rig, and fix its position (--fix 'sensor/NAME/pose.[xyz]')";
   const size_t poses = count_postures(recording);
   if (poses < kFewestPoses)
     return {text("%zu ", poses) + (flange < 0 ? "posture" : "pose") + (poses == 1 ? "" : "s") +
                 " of " + (flange < 0 ? "the robot" : turned.what) + (poses == 1 ? " is" : " are") +
-                " too few to tell where things sit on it and around it",
+                " too few to determine the mounts on it and the poses around it",
             text("take at least %zu poses, better 15, and ", kFewestPoses) + turn, otherwise};
   const auto [most, others] = turned.turns;
   if (most < kEnoughTurn)
     return {turned.what + " hardly turned (by " + angle_text(most) +
-                " at most): sliding alone does not tell where things sit on it",
+                " at most): translation alone does not determine the mounts on it",
             turn, otherwise};
   if (others < kEnoughTurn)
     return {turned.what + " turned about one axis only (by " + angle_text(most) +
                 ", about others by " + angle_text(others) +
-                "): along this axis things can slide unseen",
+                "): positions along this axis are not determined",
             turn, otherwise};
   return {};
 }

@@ -76,8 +76,8 @@ struct NoiseLevel {
   long rows = 0;           // whitened residuals
   int own_views = 0;  // training views with sigmas of their own: multiply these by seen / assumed
 
-  /// What has the true sigma with 95 %, of noise that nobody states: normal in the variance below
-  /// what was found, where it may be none at all, and in the logarithm above.
+  /// Interval of the true sigma (95 %) of a noise without a stated value: normal in the variance
+  /// below the estimate, where the noise may be zero, and normal in the logarithm above.
   std::pair<double, double> interval() const;
   /// True if seen and assumed differ by more than 20 % and by more than 3 standard deviations.
   bool differs() const;
@@ -99,15 +99,15 @@ NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResidual
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
                                      const MatrixXd& covariance);
 
-/// Returns by joint the noise of its readings over what the rig states, at a fit of mode latent
-/// that may have gross outliers in it: the median size of its errors, each over what its sample's
-/// own fit leaves of one (1 - h_ii), so that a minority of wrong readings changes little. 1: too
-/// few samples tell.
+/// Returns the noise of the readings of each joint over the noise stated in the rig, at a fit of
+/// mode latent that may contain gross outliers. The estimate is the median size of the joint's
+/// errors, each divided by the share (1 - h_ii) that its sample's own fit leaves of it, so a
+/// minority of wrong readings has little effect. 1: too few samples to determine it.
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
                                         const VectorXd& state);
 
-/// Multiplies the sigmas of what could be estimated by seen / assumed: of the rig, and of all
-/// views, those with sigmas or covariances of their own included.
+/// Multiplies the sigmas that could be estimated by seen / assumed, in the rig and in all views,
+/// including views with their own sigmas or covariances.
 void scale_noise(Rig& rig, std::vector<Sample>& samples, const std::vector<NoiseLevel>& levels);
 Recording scale_noise(const Recording& recording, const std::vector<NoiseLevel>& levels);
 

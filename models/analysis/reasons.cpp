@@ -189,8 +189,8 @@ class ReasonFinder {
     if (left < kCancel) return lens() ? trade_off() : free_targets();
     out_.kind = "unknown";
     out_.why = "no single reason was found: " + names() +
-               " change what is measured, but in the postures at hand nearly alike";
-    out_.cure = "more and more varied postures, or hold " + first() + " or give it a prior";
+               " change the measurements, but nearly alike in these postures";
+    out_.cure = "record more and more varied postures, or fix " + first() + " or give it a prior";
   }
 
   std::string first() const { return scene_.table().name(scene_.columns()[columns_[0]]); }
@@ -202,7 +202,7 @@ class ReasonFinder {
     const bool absent =
         (p.kind == ParameterKind::sensor_pose && !rig.sensors[p.owner].pose_given) ||
         (p.kind == ParameterKind::target_pose && !rig.targets[p.owner].pose_given);
-    return (absent ? "give " + p.name + " in the rig, and hold " : "hold ") + first();
+    return (absent ? "give " + p.name + " in the rig, and fix " : "fix ") + first();
   }
 
   /// Components, those of one parameter together: "joint/a/origin (x, ry)".
@@ -242,14 +242,14 @@ class ReasonFinder {
     const std::vector<ViewMotion> motion = motions(scene_, d_);
     if (squared_lengths(scene_, motion).second > 0 && kind_of(scene_, motion) == Kind::turn) {
       out_.kind = "on_axis";
-      out_.why = "all that is seen lies on the axis about which " + names() +
+      out_.why = "all points seen lie on the axis about which " + names() +
                  " turns: one point, or points on a line";
       out_.cure =
-          "hold " + first() + ", or add points beside this axis (three that are not on a line)";
+          "fix " + first() + ", or add points beside this axis (three that are not on a line)";
       return;
     }
     out_.kind = "nothing_depends";
-    out_.why = "nothing that is measured depends on " + names();
+    out_.why = "no measurement depends on " + names();
     const Parameter& parameter = scene_.table().all[first_parameter()];
     if (parameter.kind == ParameterKind::joint_scale ||
         parameter.kind == ParameterKind::joint_shape) {
@@ -258,11 +258,11 @@ class ReasonFinder {
         const std::string& joint = scene_.rig().tree.joints[parameter.owner].name;
         out_.why += " (" + joint + " reads 0 in all samples)";
         out_.joints = {joint};
-        out_.cure = "record postures that move " + joint + ", or hold " + first();
+        out_.cure = "record postures that move " + joint + ", or fix " + first();
         return;
       }
     }
-    out_.cure = "hold " + first() + " (do not free it), or add a sensor or target that it moves";
+    out_.cure = "fix " + first() + " (do not estimate it), or add a sensor or target that it moves";
   }
 
   /// The parts cancel in the residuals, without anything private going along.
@@ -290,13 +290,14 @@ class ReasonFinder {
         out_.why = "gauge: moving " + grouped(true)[0] + " is the same as moving " +
                    listed(grouped(false)) + " together the other way";
       } else {
-        out_.why = sides + (kind == Kind::shift  ? " shift what is seen along the same direction"
-                            : kind == Kind::turn ? " turn what is seen about the same axis"
-                                                 : " move what is seen in the same way");
+        out_.why =
+            sides + (kind == Kind::shift  ? " shift the measured points along the same direction"
+                     : kind == Kind::turn ? " turn the measured points about the same axis"
+                                          : " move the measured points in the same way");
       }
     } else {
       out_.kind = "same_points";
-      out_.why = sides + " are different motions, but move all that is seen in the same way";
+      out_.why = sides + " are different motions, but move all measured points in the same way";
       if (on_axis()) return;
     }
     finish(joints);
@@ -313,12 +314,12 @@ class ReasonFinder {
     if (!(distance.first < 0.03 * distance.second)) return false;
     const std::string& name = scene_.rig().tree.joints[parameter.owner].name;
     out_.kind = "on_axis";
-    out_.why = "all that is seen lies on the axis of " + name + " (within " +
+    out_.why = "all points seen lie on the axis of " + name + " (within " +
                length_text(distance.first) + ", " + length_text(distance.second) +
                " from its origin): shifting the axis sideways and tilting it (" + names() +
-               ") move it alike";
-    out_.cure = "no posture helps: hold " + first() +
-                " or give it a prior, or mount what is seen beside this axis";
+               ") move them alike";
+    out_.cure = "no posture helps: fix " + first() +
+                " or give it a prior, or mount the target beside this axis";
     return true;
   }
 
@@ -350,29 +351,29 @@ class ReasonFinder {
     if (lens() && turned.second < 10 * kPi / 180) {
       out_.kind = "one_orientation";
       out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " is weakly determined") +
-                 ": the lens against where things are; targets turn by no more than " +
+                 ": the lens against the poses; targets turn by no more than " +
                  angle_text(turned.second) +
                  (turned.first < 10 * kPi / 180 ? " before the camera (one orientation)"
                                                 : " about a second axis before the camera");
       out_.cure =
-          "record views with the target tilted by 20 to 40 degrees about different axes, or hold " +
+          "record views with the target tilted by 20 to 40 degrees about different axes, or fix " +
           first();
     } else if (lens()) {
       out_.kind = "lens";
       out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " is weakly determined") +
                  ": the lens against where things are";
-      out_.cure = "views over the whole image and at different distances, or hold " + first();
+      out_.cure = "views over the whole image and at different distances, or fix " + first();
     } else if (angles) {
       out_.why = names() +
-                 " trade off: cameras measure angles, and nothing that is held is a length: all "
-                 "sizes and distances can grow together";
-      out_.cure = "hold a length (" + first() +
+                 " trade off: cameras measure angles and no fixed parameter is a length, so all "
+                 "sizes and distances can scale together";
+      out_.cure = "fix a length (" + first() +
                   " or the size of a target or a baseline), or add a sensor that measures lengths";
     } else {
       out_.kind = "unknown";
       out_.why = "no reason was found: " + names() +
                  " trade off in all samples, but move things differently";
-      out_.cure = "hold " + first() + " or give it a prior";
+      out_.cure = "fix " + first() + " or give it a prior";
     }
   }
 
@@ -389,19 +390,19 @@ class ReasonFinder {
     const bool one = columns_.size() == 1;
     const bool nearly = determined_;
     out_.why = (nearly ? "nearly a gauge: " : "gauge: ") + names() +
-               (one ? " moves" : " move together") + " what sees or holds the free " +
+               (one ? " moves" : " move together") + " the sensors or links of the free " +
                (targets.size() == 1 ? "target " : "targets ") + free +
                (targets.size() == 1 ? ", which goes" : ", which go") +
                " along: " + (nearly ? "hardly anything" : "nothing") +
-               " that is held ties this to the base";
-    out_.cure = "hold " + first() +
-                ", or add a sensor that is held or a mounted target to the same samples";
+               " that is fixed connects this to the base";
+    out_.cure =
+        "fix " + first() + ", or add a fixed sensor or a mounted target to the same samples";
     if (sensors.size() == 1)
       out_.cure = "mount " + free + " on the link that carries " +
                   (targets.size() == 1 ? "it" : "them") +
                   " (the base, if nothing moves), or let a second sensor see " +
                   (targets.size() == 1 ? "it" : "them") + " in the same samples: to one sensor " +
-                  "alone a pose of its own in every sample explains everything; or hold " + first();
+                  "alone its own pose in every sample explains everything; or fix " + first();
   }
 
   /// The number of the first joint that is the same as where the base frame is, where a pose of
@@ -431,12 +432,12 @@ class ReasonFinder {
     if (const std::string number = base_choice(); joints.empty() && !number.empty()) {
       out_.why += ", whatever the posture: where the base frame is and " + number +
                   " is one number, and no measurement depends on it";
-      out_.cure = "hold " + number + ", for where the base frame is is its own choice";
+      out_.cure = "fix " + number + ", because the position of the base frame is a free choice";
       return;
     }
     if (joints.empty()) {
       out_.why += ", whatever the posture";
-      out_.cure = "no posture tells them apart: " + hold_first() +
+      out_.cure = "no posture distinguishes them: " + hold_first() +
                   (columns_.size() > 1 ? " (or another of them)" : "") + ", or give it a prior";
       return;
     }
@@ -454,7 +455,7 @@ class ReasonFinder {
     out_.joints = names;
     out_.why += " in all samples: " + listed(why, 2);
     out_.cure = "record postures that move " + listed(names) +
-                (still_joints.empty() ? " further" : "") + ", or hold " + first();
+                (still_joints.empty() ? " further" : "") + ", or fix " + first();
   }
 
   const Scene& scene_;

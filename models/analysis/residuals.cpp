@@ -445,7 +445,7 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
     throw std::runtime_error("no sample can be evaluated: in '" + out.undefined[0] +
                              "' a point lies behind a camera wherever its target is put" +
                              (some_sensor_tells_no_pose(rig)
-                                  ? ", or what sees its target does not tell where it is"
+                                  ? ", or its measurements do not determine the pose of its target"
                                   : ""));
   find_worst(recording, out);
   out.converged = out.unfinished.empty();

@@ -97,8 +97,8 @@ struct Evaluation {
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
                     const std::vector<std::string>& free, const Progress& progress = {});
 
-/// Returns whether neighbouring points of the training's views err alike, which noise does not:
-/// something is bent, turned, shifted or of another size.
+/// Returns whether the errors of neighbouring points in the training views are correlated. Noise is
+/// not; a bent, turned, shifted or wrongly sized object causes it.
 bool neighbours_err_alike(const Solution& solution, const Residuals& residuals);
 
 /// Returns the result of a sensor without any view yet.

@@ -35,7 +35,7 @@
 
 namespace kincal {
 
-/// A Trend is a joint whose errors go with where it stands.
+/// A Trend is a joint whose errors depend on its position.
 struct Trend {
   int joint;         // of a floating joint that joint, not its axes
   double clear;      // how clearly, in standard deviations

@@ -223,15 +223,14 @@ void name_joint_noise(WeakDirection& weak, double exact) {
   weak.why =
       listed(involved) + (involved.size() > 1 ? " move together" : " moves") +
       (weak.reason == "free_targets" ? ", and free targets go along" : "") +
-      ": what would tell it is hidden by the noise of the joint readings. With exact readings " +
+      ": the noise of the joint readings hides the information about it. With exact readings " +
       involved[0] + " would be known to " +
       (weak.unit == "m"     ? length_text(exact)
        : weak.unit == "rad" ? angle_text(exact)
                             : text("%.2g", exact));
   weak.cure =
-      "more samples and more varied postures, a sensor or mounted target that is held, joint "
-      "sigmas no larger than they have to be; "
-      "or hold " +
+      "record more samples in more varied postures, fix a sensor or mounted target, or state "
+      "smaller joint sigmas if they are too large; or fix " +
       involved[0];
   weak.reason = "joint_noise";
 }

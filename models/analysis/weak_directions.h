@@ -56,7 +56,7 @@ struct Explanation {
   std::string text() const;
 };
 
-/// Explains what the data of the last step determine weakly at its solution.
+/// Explains the directions that the data of the last step determine weakly at its solution.
 Explanation explain(const Linearisation& at);
 
 }  // namespace kincal

@@ -45,7 +45,7 @@ std::string held_text(const AutomaticNumber& n) {
                                  : radians ? "mrad"
                                            : n.unit.c_str());
   return n.undetermined()
-             ? "not determined by these data; known only as well as assumed (" + known + ")"
+             ? "not determined by these data; its sigma is that of its prior (" + known + ")"
              : "no evidence that it is off its nominal value (known to " + known + ")";
 }
 

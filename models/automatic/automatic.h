@@ -24,16 +24,16 @@ namespace kincal {
 /// changed.
 std::vector<NominalValue> nominal_values(const Solution& solution);
 
-/// Returns in words why a number was held, and how well it is known.
+/// Returns in words why a component was fixed, and its uncertainty.
 std::string held_text(const AutomaticNumber& number);
 
 /// Returns the rig's steps at the starting widths: what runs before anything is learned.
 /// @throws as make_groups().
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options);
 
-/// Calibrates a recording, whose rig's own steps are not looked at. Further models that it has from
-/// a calibration before are tried anew, unless `begin` says which of them are kept. How it ended is
-/// the solution's status. @throws as make_groups() and calibrate().
+/// Calibrates a recording; the steps of its rig are ignored. Further models from an earlier
+/// calibration are tested again, unless `begin` lists the ones to keep. The solution's status is
+/// the outcome. @throws as make_groups() and calibrate().
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options);
 

@@ -458,7 +458,7 @@ Calibrated calibrate_groups(const Model& model) {
     solution = uncancelled(calibrate(at_start(), run));  // says what is wrong
     return {out, {}};
   }
-  options.progress.stage("what there is evidence for");
+  options.progress.stage("selecting parameters by evidence");
   const Selection selection = hold(learned.problem, learned.widths);
   std::vector<Component> held;
   for (size_t i = 0; i < selection.held.size(); ++i)

@@ -525,7 +525,7 @@ void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivot
 
 std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence) {
   std::string out = "nothing can be estimated";
-  if (!no_evidence && on_demand) return out + ": all that could be wrong is held on demand";
+  if (!no_evidence && on_demand) return out + ": everything that may be wrong is fixed by options";
   std::map<int, std::set<int>> sensors;  // that see a free target
   for (const Sample& s : recording.samples)
     for (const View& v : s.views)
@@ -535,10 +535,10 @@ std::string nothing_free(const Recording& recording, bool on_demand, bool no_evi
       out += "; target " + quoted(recording.rig.targets[seen.first].name) +
              " is free and seen by sensor " +
              quoted(recording.rig.sensors[*seen.second.begin()].name) +
-             " alone: its own pose in every sample explains all that this sees. Mount it "
+             " alone: its own pose in every sample explains all views of this sensor. Mount it "
              "(`mount: {link: NAME}`) on the link that carries it, or let a second sensor see it";
-  return out + (no_evidence ? "; no mount is free, and there is no evidence that anything else is "
-                              "off its nominal value"
+  return out + (no_evidence ? "; no mount is estimated, and there is no evidence that another "
+                              "parameter is off its nominal value"
                             : "; no measurement depends on a mount, joint, lens or size");
 }
 

@@ -114,8 +114,9 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
 void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
                const Eigen::VectorXd& initial, Eigen::VectorXd& shared);
 
-/// Returns why nothing of a recording can be estimated. `on_demand`: the user held much;
-/// `no_evidence`: no mount is free, and all else was held for want of evidence that it is off.
+/// Returns why no parameter of a recording can be estimated. `on_demand`: the user fixed many;
+/// `no_evidence`: no mount is estimated, and everything else was fixed for lack of evidence of
+/// error.
 std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence);
 
 }  // namespace kincal

@@ -79,8 +79,8 @@ struct Posterior {
   double log_determinant = 0;  // of C
   MatrixXd covariance;         // C
 };
-/// Returns the posterior at these factors, one a group; without the covariance unless it is asked
-/// for. It allocates.
+/// Returns the posterior at these factors, one per group; without the covariance unless it is
+/// requested. It allocates.
 Posterior posterior(const WidthProblem& problem, const VectorXd& factor, bool covariance);
 
 struct Widths {
@@ -99,7 +99,7 @@ double evidence_gain(const WidthProblem& problem, const Widths& widths, int grou
 /// not defined.
 double log_evidence(const WidthProblem& problem, const VectorXd& factor);
 
-/// What is held for want of evidence.
+/// The groups and components fixed for lack of evidence.
 struct Selection {
   std::vector<char> held;   // by unknown
   std::vector<char> whole;  // by group
@@ -109,9 +109,9 @@ struct Selection {
                             // width squared
   MatrixXd second_moment;   // of the errors of all unknowns
 };
-/// Holds groups whose gain is below 3, the smallest first and the rest judged anew (but for those
-/// whose width is known), and of the others numbers of which the data tell less than a tenth (1 -
-/// C_ii / t_i^2).
+/// Fixes groups whose gain is below 3, the smallest first, testing the rest again each time (except
+/// groups whose width is known). Of the other groups it fixes the components to whose variance the
+/// data contribute less than a tenth (1 - C_ii / t_i^2).
 Selection hold(const WidthProblem& problem, const Widths& widths);
 
 }  // namespace kincal

@@ -36,8 +36,8 @@ struct StepVariations {
   /// It is called before each step with its plan, the values that estimates count from, and the
   /// values that the step starts from, to be moved.
   std::function<void(const StepPlan&, const VectorXd&, VectorXd&)> before_step;
-  /// By sensor: where the scales of the last step's loss end, if they come from the data; empty: at
-  /// what the residuals show.
+  /// By sensor: final scales of the last step's loss if they come from the data; empty: from the
+  /// residuals.
   std::vector<double> noise_ratios;
   bool robust = false;  // every step by a graduated fit (fitting/robust.h), not to convergence;
                         // samples that cannot start stay out
@@ -60,25 +60,24 @@ class Calibration {
   Calibration& operator=(Calibration&&) noexcept;
 
   const Recording& recording() const;
-  /// Returns what the first solve() will do, with counts.
+  /// Returns the plan of the first solve(), with counts.
   std::vector<StepPlan> plan() const;
 
-  /// The first call runs all steps. Later ones run the last step again from the last values, for
-  /// other numbers in the same samples: they allocate nothing (where the solver does not:
-  /// solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and values;
-  /// what is computed from these (estimates, covariance, unobservable directions, dof_data) is left
-  /// empty, and made when last() is asked for. The reference holds until the next call.
+  /// The first call runs all steps. Later calls run only the last step again, from the last values,
+  /// for other measured values in the same samples. They allocate nothing (if the solver does not:
+  /// solver/levenberg_marquardt.h), and set the solution's status, message, chi2, cost and values.
+  /// Quantities computed from these (estimates, covariance, unobservable directions, dof_data) stay
+  /// empty until last() computes them. The reference is valid until the next call.
   const Solution& solve();
   /// Returns the solution of the last solve(), complete: estimates and covariance are those of its
   /// values.
   const Solution& last();
 
-  /// Puts other numbers (readings, measured numbers, sigmas of both) into a sample; without
-  /// allocation. A sample without sigmas of its own for its readings (`noise`) has the rig's, also
-  /// where the one that it replaces had its own. Solutions of earlier solves keep their values, but
-  /// share this recording: analyses of them see the new numbers. @throws std::invalid_argument: no
-  /// such sample, or it shows other views, points or numbers of sigmas than the one that it
-  /// replaces.
+  /// Replaces the values (readings, measured values, sigmas of both) of a sample; without
+  /// allocation. A sample without its own sigmas for its readings (`noise`) has the rig's, even if
+  /// the replaced one had its own. Solutions of earlier solves keep their values but share this
+  /// recording: analyses of them use the new values. @throws std::invalid_argument: no such sample,
+  /// or it has other views, points or numbers of sigmas than the one that it replaces.
   void replace(int slot, const Sample& sample);
 
  private:

@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// A StepSelection is what a caller asks of the steps besides what the rig says.
+/// A StepSelection is a caller's change to the steps of the rig.
 struct StepSelection {
   std::string last_step;  // all steps up to this one run; empty: all
   std::vector<std::string> free,
@@ -37,11 +37,11 @@ struct StepPlan {
   bool repeated = false;  // a later step frees all that this one frees: it is a start for that one
 };
 
-/// Returns the plans of all steps that run, but for their counts. Errors of the selection begin
-/// with "free[N]" or "fix[N]", the place in its lists, or with "last_step".
-/// @throws NameError; std::invalid_argument naming the place: a rig without steps, an unknown last
-/// step, a pattern without a match, a prior that covers nothing freed, a step that frees nothing or
-/// whose sensors see nothing.
+/// Returns the plans of all steps that run, except for their counts. Errors of the selection begin
+/// with "free[N]" or "fix[N]", the place in its lists, or with "last_step". @throws NameError;
+/// std::invalid_argument naming the place: a rig without steps, an unknown last step, a pattern
+/// without a match, a prior without an estimated parameter, a step without estimated parameters or
+/// measurements.
 std::vector<StepPlan> resolve_steps(const Recording& recording, const StepSelection& selection);
 
 /// Checks that every step of the rig can be planned, each alone. @throws as resolve_steps();

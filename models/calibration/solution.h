@@ -54,7 +54,7 @@ struct ParameterEstimate {
 
 /// With `undefined_start` the first state of a step cannot be evaluated (a point behind its
 /// camera); `message` names the sample and its views. `unexplained`: everything converged, but the
-/// model does not explain the data; that is for a study to say (report/verdict.h).
+/// model does not explain the data; study() decides this (report/verdict.h).
 enum class Status {
   converged,
   unobservable,
@@ -81,16 +81,16 @@ struct LastProblem {
   std::vector<MatrixXd> kept_rows;  // as observe() gives them
 };
 
-/// A Prediction is what errors of the calibration are predicted from where that is more than the
-/// last step's covariance: the second moment of numbers that it held, too (automatic/automatic.h).
+/// A Prediction is the basis of predicted errors where the last step's covariance is not
+/// sufficient: it includes the second moment of fixed components (automatic/automatic.h).
 struct Prediction {
   std::vector<Component> columns;
   MatrixXd covariance;
 };
 
-/// DataEquations are what the data alone, without the priors of shared unknowns, say of them at a
-/// solution: N d = pull for an increment d of its values. N is their information; directions that
-/// the data leave open are its null space.
+/// DataEquations contain the information of the data alone, without the priors of shared unknowns,
+/// at a solution: N d = pull for an increment d of its values. N is the information matrix; its
+/// null space are the directions that the data do not determine.
 struct DataEquations {
   std::vector<Component> columns;
   MatrixXd normal;
@@ -151,10 +151,10 @@ struct Solution {
   /// model does not explain the data. (Directions may be
   /// unobservable: these keep their initial values, and their sigmas are NaN.)
   bool usable() const { return status == Status::converged || status == Status::unobservable; }
-  /// Returns the estimate of a parameter. @throws std::out_of_range where no step freed it, or
-  /// where estimates are left to Calibration::last().
+  /// Returns the estimate of a parameter. @throws std::out_of_range if no step estimated it, or if
+  /// estimates are left to Calibration::last().
   const ParameterEstimate& operator[](const std::string& name) const;
-  /// Returns the value of a pose parameter, freed or not: "sensor/head_camera/pose" is
+  /// Returns the value of a pose parameter, estimated or not: "sensor/head_camera/pose" is
   /// link_T_sensor. @throws std::out_of_range: no such pose.
   Pose pose(const std::string& name) const;
   /// Returns the robot with calibrated origins, offsets folded in: position = scale * reading from

@@ -137,7 +137,7 @@ std::string lost_start_text(const Solution& solution, const std::string& pose) {
       posed = posed || kind != MeasurementKind::none;
       more_points = more_points || kind != MeasurementKind::rays || v.ids.size() > 3;
     }
-  const std::string absent = pose + " is absent from the rig and ";
+  const std::string absent = pose + " is missing in the rig and ";
   if (!posed && !types.empty())
     return absent + "a sensor of type " + types +
            " gives no pose to start from: it starts at the identity, and the result may be wrong; "
@@ -145,9 +145,9 @@ std::string lost_start_text(const Solution& solution, const std::string& pose) {
   if (solution.status == Status::converged) return "";
   if (posed && !more_points)
     return absent +
-           "is seen by views of three points at most, each of which fits several poses: "
-           "it starts at the identity. Use a board or a fourth point, or give it a rough pose in "
-           "the rig";
+           "is seen only by views of at most three points, and each view fits several poses: it "
+           "starts at the identity. Use a board or a fourth point, or give it a rough pose in the "
+           "rig";
   return absent +
          "nothing with a known pose ties it down: it starts at the identity. Give it, or "
          "a pose that it hangs on, in the rig";

@@ -183,7 +183,7 @@ DesignGoal frame_goal(const CalibratedRobot& robot, const Frame& frame,
 }
 
 DesignGoal sight_goal(const CalibratedRobot& robot, const std::vector<Sample>& samples) {
-  DesignGoal out{"targets as the sensors see them", "m", {}, 0};
+  DesignGoal out{"targets relative to the sensors", "m", {}, 0};
   const auto n = static_cast<Index>(robot.unknowns->columns.size());
   out.weight.setZero(n, n);
   long count = 0;

@@ -54,8 +54,8 @@ struct SampleRows {
   std::vector<int> columns;
   MatrixXd rows;
 };
-/// Returns the rows of samples at the robot's values, in the order of the samples; without rows
-/// where a sample says nothing. `targets`: base_T_target of free targets by (sample, target).
+/// Returns the rows of samples at the robot's values, in the order of the samples; no rows for a
+/// sample without information. `targets`: base_T_target of free targets by (sample, target).
 /// @throws Cancelled
 std::vector<SampleRows> sample_rows(const CalibratedRobot& robot, const EstimationSetup& setup,
                                     std::vector<Sample> samples,

@@ -180,9 +180,9 @@ MistakeAndCure cropped_words(const std::string& camera, const std::vector<double
   const double du = found[0] - given[2], dv = found[1] - given[3];
   if (!(std::hypot(du, dv) > kLeastCrop * 2 * std::abs(given[2]))) return {};
   return {"the principal point of camera " + quoted(camera) +
-              text(" is wrong: the rig says (%.6g, %.6g), the data say (%.6g, %.6g), %+.4g px in u "
-                   "and %+.4g px in v. So its images are cropped (or the intrinsics are another "
-                   "image's)",
+              text(" is wrong: (%.6g, %.6g) in the rig, (%.6g, %.6g) from the data, %+.4g px in u "
+                   "and %+.4g px in v. So its images are cropped (or the intrinsics belong to "
+                   "another image)",
                    given[2], given[3], found[0], found[1], du, dv),
           "give the intrinsics of the image in which the points were detected: of a cropped one, "
           "cx minus the columns that are cut off at the left, cy minus the rows at the top; or "
@@ -201,8 +201,8 @@ MistakeAndCure focal_words(const std::string& camera, const std::vector<double>&
   }
   if (!(most > scales(ParameterKind::intrinsics, "px").least)) return {};
   return {"the focal lengths of camera " + quoted(camera) +
-              text(" are wrong: the rig says %.6g and %.6g px, the data say %.6g and %.6g px "
-                   "(times %.4g)",
+              text(" are wrong: %.6g and %.6g px in the rig, %.6g and %.6g px from the data (times "
+                   "%.4g)",
                    given[0], given[1], found[0], found[1], found[0] / given[0]),
           "give the intrinsics of this camera, with the lens, zoom and resolution of these images; "
           "or free sensor/" +

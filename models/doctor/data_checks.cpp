@@ -85,8 +85,8 @@ std::string mount_first(const Rig& rig, const std::vector<Sample>& samples, int 
         free.insert(rig.targets[v.target].name);
   if (free.empty()) return "";
   return "mount " + joined({free.begin(), free.end()}) +
-         " (`mount: {link: NAME}`) on the link that carries it, the base if it stands still: free, "
-         "it has a pose of its own in every sample, which explains all that one sensor sees";
+         " (`mount: {link: NAME}`) on the link that carries it, the base if it stands still: a "
+         "free target has its own pose in every sample, which explains all views of one sensor";
 }
 
 /// Appends what is tied together, stands on one body and has nothing in it whose place is held.
@@ -139,11 +139,11 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
       out.push_back(make_notice(
           NoticeKind::disconnected, std::move(where),
           "where " + all +
-              " are together is a choice: they are tied to each other, but all that they see is "
-              "free, and " +
-              joined(parameters) + " are freed",
+              " are together is not determined: they are connected to each other, but all their "
+              "targets are free, and " +
+              joined(parameters) + " are estimated",
           "",
-          "hold one of these, as " + parameters[0] +
+          "fix one of these, as " + parameters[0] +
               ": the others are found from it. Cameras and boards without a robot are calibrated "
               "by kincal intrinsics"));
       continue;
@@ -154,13 +154,12 @@ void check_anchors(const Recording& recording, const FreedNames& freed, Connecti
     out.push_back(make_notice(
         NoticeKind::disconnected, where,
         (where.size() == 1 ? "sensor " : "") + all + (where.size() == 1 ? " is" : " are") +
-            " tied to nothing else: no other sensor sees the same target in the same "
-            "sample, and no mounted target is in view from another "
-            "link, but the rig frees " +
+            " connected to nothing else: no other sensor sees the same target in the same sample, "
+            "and no mounted target is in view from another link, but the rig estimates " +
             joined(parameters),
         "",
         (first.empty() ? "take" : first + ". Or take") +
-            " samples in which it and another sensor see one target, or hold these"));
+            " samples in which it and another sensor see one target, or fix these"));
   }
 }
 
@@ -204,7 +203,7 @@ void find_repeated_views(const Rig& rig, const std::vector<Sample>& samples,
   if (!twice.empty())
     out.push_back(
         make_notice(NoticeKind::same_samples, subjects(Subject::Kind::sample, twice),
-                    "views are there twice, number for number, in " +
+                    "views occur twice, with identical values, in " +
                         std::string(twice.size() > 1 ? "samples " : "sample ") + listed(twice),
                     "they count as two measurements but are one", "leave one of them out"));
   if (!twice.empty() && kMuchTwice * twice.size() <= samples.size())
@@ -214,10 +213,10 @@ void find_repeated_views(const Rig& rig, const std::vector<Sample>& samples,
         NoticeKind::same_samples, subjects(Subject::Kind::sample, paired),
         "views of " + std::to_string(paired.size()) +
             (paired.size() > 1 ? " samples are" : " sample is") +
-            " number for number that of another sample, though the joints stand elsewhere: first " +
+            " identical to that of another sample, though the joint readings differ: first " +
             quoted(paired[0]) + " has that of " + quoted(with[0]),
-        "a picture was paired twice, and of two postures one at most is its own",
-        "pair each picture with the readings of its own time"));
+        "an image was paired twice, and at most one of the two postures is its own",
+        "pair each image with the readings of its own time"));
 }
 
 }  // namespace
@@ -294,14 +293,15 @@ void check_still_joints(const Recording& recording, const FreedNames& freed,
     if (freed.parameter[table.joint_origin[j]] && !freed.whole[table.joint_origin[j]])
       names.push_back(table.all[table.joint_origin[j]].name);
     if (names.empty()) continue;
-    out.push_back(make_notice(
-        NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
-        "joint " + quoted(rig.tree.joints[j].name) + " never moves" +
-            text(" (it reads %.6g in all ", r.second.first) + std::to_string(samples) +
-            " samples that need it), but the rig frees " + joined(names),
-        "",
-        std::string("take samples in which it moves, or hold ") +
-            (names.size() == 1 ? "it" : "them") + "; if it did move, the log is wrong"));
+    out.push_back(make_notice(NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
+                              "joint " + quoted(rig.tree.joints[j].name) + " never moves" +
+                                  text(" (it reads %.6g in all ", r.second.first) +
+                                  std::to_string(samples) +
+                                  " samples that need it), but the rig estimates " + joined(names),
+                              "",
+                              std::string("take samples in which it moves, or fix ") +
+                                  (names.size() == 1 ? "it" : "them") +
+                                  "; if it did move, the recorded readings are wrong"));
   }
 }
 
@@ -315,16 +315,16 @@ void check_connections(const Recording& recording, const FreedNames& freed,
       out.push_back(
           make_notice(NoticeKind::disconnected, {Subject::sensor(rig.sensors[s].name)},
                       "sensor " + quoted(rig.sensors[s].name) +
-                          " has no view in any sample, but the rig frees its pose",
-                      "", "add views of it, or hold " + table.all[table.sensor_mount[s]].name));
+                          " has no view in any sample, but the rig estimates its pose",
+                      "", "add views of it, or fix " + table.all[table.sensor_mount[s]].name));
   for (size_t t = 0; t < rig.targets.size(); ++t)
     if (rig.targets[t].link >= 0 && !connections.seen[connections.sensors + t] &&
         freed.parameter[table.target_mount[t]])
       out.push_back(
           make_notice(NoticeKind::disconnected, {Subject::target(rig.targets[t].name)},
                       "target " + quoted(rig.targets[t].name) +
-                          " is seen in no sample, but the rig frees its pose",
-                      "", "add views of it, or hold " + table.all[table.target_mount[t]].name));
+                          " is seen in no sample, but the rig estimates its pose",
+                      "", "add views of it, or fix " + table.all[table.target_mount[t]].name));
   check_anchors(recording, freed, connections, out);
 }
 

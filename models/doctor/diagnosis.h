@@ -9,7 +9,7 @@
 
 namespace kincal {
 
-/// A Diagnosis is all that was found, and what it explains.
+/// A Diagnosis contains all findings and how well they explain the data.
 struct Diagnosis {
   std::vector<Notice> findings;  // what explains most first; those without a fit last
   std::optional<double> chi2;    // as is; nothing: the fit cannot start

@@ -38,14 +38,13 @@ Evidence prove_by_chi2(const TrialFit& now, const TrialFit& fit,
   Evidence out;
   if (now.complete()) out.before = now.chi2;
   out.after = fit.chi2;
-  out.sentences =
-      now.complete()
-          ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without %s", now.chi2,
-                 now.per_dof(), fit.chi2, fit.per_dof(), what)
-          : text(
-                "As it is the fit cannot even start (points behind a camera); without %s "
-                "chi2 is %.6g (chi2/dof %.3g)",
-                what, fit.chi2, fit.per_dof());
+  out.sentences = now.complete()
+                      ? text("chi2 is %.6g as it is (chi2/dof %.3g) and %.6g (%.3g) without %s",
+                             now.chi2, now.per_dof(), fit.chi2, fit.per_dof(), what)
+                      : text(
+                            "Without changes the fit cannot even start (points behind a camera); "
+                            "without %s chi2 is %.6g (chi2/dof %.3g)",
+                            what, fit.chi2, fit.per_dof());
   return out;
 }
 
@@ -165,9 +164,9 @@ void undo_and_tell(AcceptedHypothesis best, Evidence evidence, State& state) {
                std::count(h.where.begin(), h.where.end(), Subject::target(t.name)) > 0;
       }))
     h.cure +=
-        ". Or the points are right, and it is the pose in the rig that has z out of the board, "
-        "where kincal's goes into it (x along a row, y from row to row): then nothing has to be "
-        "done: the estimate is right";
+        ". Or the points are right, and the pose in the rig has z pointing out of the board, while "
+        "kincal's z points into it (x along a row, y from row to row): then the estimate is right "
+        "and nothing has to be done";
   state.findings.push_back(word(h, evidence));
   state.undo(std::move(best.trial), std::move(rig));
 }
@@ -202,8 +201,7 @@ bool explain_two(State& state, double least_log) {
   for (size_t i = 0; i < count; ++i) {
     if (count > 1)
       evidence.sentences = std::string("This and ") + id(best->hypotheses[1 - i].kind) +
-                           " are two mistakes of which neither alone explains the data. " +
-                           sentences;
+                           " are two mistakes; neither alone explains the data. " + sentences;
     state.findings.push_back(word(best->hypotheses[i], evidence));
   }
   state.undo(std::move(one.trial), std::move(rig));
@@ -233,8 +231,8 @@ void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
   if (!now.complete() || !(now.per_dof() > Thresholds::no_noise)) return;
   for (Notice& f : findings)
     f.cure += text(
-        ". But something else is wrong besides, or in its place: chi2/dof %.3g is left, "
-        "which is no noise",
+        ". But there is another mistake, or a different one: the remaining chi2/dof %.3g is not "
+        "noise",
         now.per_dof());
 }
 
@@ -288,15 +286,16 @@ std::string not_a_mistake(const TrialFit& now, FailureMode failure) {
       far += (far.empty() ? "" : ", ") + m.first + text(" (%.3g)", m.second.by);
   if (failure == FailureMode::cannot_start)
     return " from other starting values, found from the data. So none of these mistakes was made, "
-           "but from the rig's values no fit can start: " +
-           (far.empty() ? "give poses nearer to the truth, or leave them away"
+           "but no fit can start from the rig's values: " +
+           (far.empty() ? "give poses nearer to the truth, or delete them"
                         : "too far from the truth are " + far +
-                              " (m, rad, or share of a length): correct them, or leave them away") +
+                              " (m, rad, or share of a length): correct them, or delete them") +
            ".";
   if (failure == FailureMode::not_converged)
-    return " if everything is freed at once, without the way of the steps. So none of these "
-           "mistakes was made, but the steps do not lead there: start nearer to the truth" +
-           (far.empty() ? "" : " (" + far + ")") + ", or free less in the first steps.";
+    return " if everything is estimated at once instead of in steps. So none of these mistakes was "
+           "made, but the steps do not reach the minimum: start nearer to the truth" +
+           (far.empty() ? "" : " (" + far + ")") +
+           ", or estimate fewer parameters in the first steps.";
   return "";
 }
 
@@ -306,8 +305,8 @@ std::string look_for_mistakes(const Rig& rig, const TrialFit& now) {
   for (size_t s = 0; s < now.sensor.size(); ++s)
     if (!std::isnan(now.sensor[s]) && (worst < 0 || now.sensor[s] > now.sensor[worst]))
       worst = static_cast<int>(s);
-  return " That is no robot whose geometry differs a little from its drawing: look for a mistake "
-         "before more is freed" +
+  return " This is not a robot with small geometric errors: look for a mistake before more "
+         "parameters are estimated" +
          (worst < 0 ? std::string()
                     : ", first in what sensor " + quoted(rig.sensors[worst].name) +
                           text(" sees, whose errors are %.3g times its sigma",
@@ -324,7 +323,7 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
           ? text("chi2/dof is %.3g", outcomes.per_dof_at_first)
           : "the fit cannot start: points lie behind a camera, or numbers are not finite";
   if (!std::isfinite(outcomes.per_dof_at_first) && some_sensor_tells_no_pose(recording.rig))
-    out += ", or what sees a free target does not tell where it is";
+    out += ", or the sensor of a free target does not determine its pose";
   const bool any_finding = outcomes.data_findings || outcomes.fit_findings;
   if (good(now) && (outcomes.good_at_first || !outcomes.fit_findings)) {
     const std::string words = outcomes.fit_findings ? "" : not_a_mistake(now, outcomes.failure);
@@ -332,16 +331,16 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
            : any_finding  ? ": the fit itself needs no explanation."
                           : ": nothing to explain.";
   } else if (good(now)) {
-    out += ": what was found explains it" + text(" (%.3g without).", now.per_dof());
+    out += ": the findings explain it" + text(" (%.3g without).", now.per_dof());
   } else {
     out += outcomes.still_joint ? ": a joint that moved without its readings explains it."
            : outcomes.changed
                ? ": two parts of the data contradict each other; look at each by itself."
            : outcomes.wrong_numbers && !outcomes.fit_findings
-               ? ": correct first the numbers named above; before that no fit can tell more."
+               ? ": correct first the values named above; until then no fit can find more."
            : !outcomes.fit_findings
                ? ": none of these explains it."
-               : text("; with what was found undone %.3g: none of the others explains that.",
+               : text("; %.3g with the findings corrected: none of the others explains that.",
                       now.per_dof());
     if (outcomes.changed) return out;
     if (!outcomes.readings.empty()) out += " " + outcomes.readings;
@@ -350,9 +349,8 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
     else if (context.usual_steps)
       out +=
           " The rig has no estimate: only poses of sensors and targets and joint offsets were "
-          "fitted here. calibrate tries more (the "
-          "robot's "
-          "geometry, gears, lenses): let it try before looking for mistakes.";
+          "fitted here. calibrate estimates more (the robot's geometry, gears, lenses): run it "
+          "before looking for mistakes.";
   }
   out[0] = out[0] == 't' ? 'T' : out[0];
   return out;
@@ -383,7 +381,7 @@ std::string held_errors(const Recording& recording, const TrialFit& now, const T
   std::vector<std::string> names;
   for (size_t i = 0; i < off.size() && i < kMost; ++i) names.push_back(off[i].second);
   return "Errors of fixed parameters would, most of all " + listed(names) +
-         " (m, rad or px): free those that are not known exactly.";
+         " (m, rad or px): estimate those that are not known exactly.";
 }
 
 /// A number that nobody can mean, as the rig or the samples themselves show.

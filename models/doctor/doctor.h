@@ -31,7 +31,7 @@
 
 namespace kincal {
 
-/// How a calibration ended whose data are diagnosed, for words that agree with that.
+/// The outcome of the calibration whose data are diagnosed; the texts depend on it.
 enum class FailureMode { not_told, cannot_start, not_converged };
 
 struct DoctorOptions {

@@ -42,7 +42,7 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples,
       h.where = {Subject::joint(joint.name)};
       h.mistake =
           "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved";
-      h.cure = "record its readings: what was logged is a constant";
+      h.cure = "record its readings: the recorded value is constant";
       h.ignored_joint = j;
       h.undo = [](Rig&) {};
       out.push_back(h);

@@ -119,7 +119,7 @@ void check_images(const Rig& rig, const std::vector<PointCloud>& clouds, std::ve
                    : "",
           turned   ? "correct image_size, or exchange u and v of the points"
           : larger ? "make points, image_size and intrinsics those of one resolution"
-                   : "correct image_size, or take them out: no image shows them"));
+                   : "correct image_size, or remove these points: no image can show them"));
     } else if (cloud.views >= kEnoughViews && cloud.right < kCorner * width &&
                cloud.low < kCorner * height && cloud.right > kFilled * width &&
                cloud.low > kFilled * height) {
@@ -227,8 +227,8 @@ void check_ids(const Rig& rig, const std::vector<Sample>& samples, std::vector<N
                    rig.targets[t].count(), p.fewest) +
               quoted(p.sample) + ")",
           "points without \"ids\" count as 0, 1, 2, ...",
-          "where a view shows a part of the board, write the ids of the points that it shows; if "
-          "all are seen, see to the rows and columns of the rig"));
+          "if a view shows only a part of the board, write the ids of its points; if it shows all, "
+          "check rows and columns in the rig"));
 }
 
 /// Whether no robot has a link as long as the one that ends at a joint.
@@ -364,11 +364,11 @@ void check_still_poses(const Rig& rig, const std::vector<Sample>& samples,
     };
     if (samples.size() > 2 && std::all_of(samples.begin(), samples.end(), same) &&
         sees_motion(rig, samples))
-      out.push_back(make_notice(NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
-                                "the poses of joint " + quoted(rig.tree.joints[j].name) +
-                                    " are the same in all " + std::to_string(samples.size()) +
-                                    " samples, but targets move in the views",
-                                "", "record them with each sample: what was logged is a constant"));
+      out.push_back(make_notice(
+          NoticeKind::still_joint, {Subject::joint(rig.tree.joints[j].name)},
+          "the poses of joint " + quoted(rig.tree.joints[j].name) + " are the same in all " +
+              std::to_string(samples.size()) + " samples, but targets move in the views",
+          "", "record them with each sample: the recorded value is constant"));
   }
 }
 

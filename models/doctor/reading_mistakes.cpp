@@ -75,7 +75,7 @@ void add_axes(const Rig& rig, const ObservationIndex& observations, std::vector<
         Hypothesis h;
         h.kind = NoticeKind::joint_axis;
         h.where = {Subject::joint(joint.name)};
-        h.mistake = "joint " + quoted(joint.name) + " turns about another axis than the URDF says";
+        h.mistake = "joint " + quoted(joint.name) + " turns about another axis than in the URDF";
         h.cure = "write <axis xyz=\"" + xyz +
                  "\"/>, in the joint's own frame (or turn its <origin>, and the next one's back)";
         h.undo = [j = range.first, other](Rig& r) { r.tree.joints[j].axis = other; };
@@ -162,9 +162,8 @@ void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples,
     for (const int j : along) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
     h.mistake = "the readings of joints " + joined(names_of(h.where)) + " " + orders[i].mistake;
     h.cure =
-        "give each joint the reading that stands beside its name: what /joint_states lists is "
-        "often "
-        "in alphabetical order, and columns of a log may begin with another joint";
+        "give each joint the reading that belongs to its name: /joint_states is often in "
+        "alphabetical order, and columns of a log may begin with another joint";
     h.undo = [from = orders[i].from, to = orders[i].to](Rig&, std::vector<Sample>& all) {
       for (Sample& s : all) {
         const std::vector<double> given = s.readings;
@@ -343,15 +342,14 @@ void add_gears(const Rig& rig, const ParameterTable& table, const ObservationInd
       const std::string mistake =
           "joint " + quoted(joint) +
           text(
-              " moves %.5g times as far as its readings say: its gear ratio or encoder count is "
-              "%.2g %% off",
+              " moves %.5g times its readings: its gear ratio or encoder count is wrong by %.2g %%",
               times, 100 * std::abs(times - 1));
       const bool is_gear = times > 0.3 && times < 3 &&
                            std::abs(times - 1) > scales(ParameterKind::joint_scale, "").least;
       return std::pair(
           is_gear ? mistake : "",
           (lengths.empty() ? std::string("correct it")
-                           : "or what measures lengths (" + lengths +
+                           : "or the instrument that measures lengths (" + lengths +
                                  ") has a wrong scale, which looks the same: measure a known "
                                  "distance with both first. If it is the joint, correct it") +
               " where readings are made (or state joints." + joint +

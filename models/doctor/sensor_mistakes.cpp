@@ -251,7 +251,7 @@ void add_baselines(const Rig& rig, const ParameterTable& table,
         const double times = found[0] / baseline;
         const std::string mistake =
             "the baseline of camera " + quoted(camera) +
-            text(" is wrong: the rig says %.5g m, the data say %.5g m (times %.4g)", baseline,
+            text(" is wrong: %.5g m in the rig, %.5g m from the data (times %.4g)", baseline,
                  found[0], times);
         const bool sane = times > 1e-4 && times < 1e4 && std::abs(times - 1) > 0.01;
         return std::pair(sane ? mistake : "",
@@ -412,7 +412,7 @@ void add_ray_orders(const Rig& rig, int sensor, std::vector<Hypothesis>& out) {
     h.kind = NoticeKind::convention;
     h.where = {Subject::sensor(rig.sensors[sensor].name)};
     h.mistake = "the rays of sensor " + quoted(h.where[0].name) +
-                " have their numbers in the order " + given[0] + ", " + given[1] + ", " + given[2];
+                " have their values in the order " + given[0] + ", " + given[1] + ", " + given[2];
     h.cure = "write [reading of the joint, bearing, range]";
     h.new_poses = true;
     h.undo = each_ray(sensor, [at](double* ray) {

@@ -130,9 +130,9 @@ std::optional<Notice> wrong_sigmas(const Recording& recording, const TrialContex
   if (where.empty() || (larger && !spread_evenly(recording, context, now))) return std::nullopt;
   Notice out =
       make_notice(NoticeKind::wrong_sigma, std::move(where),
-                  "sigmas are not of the size that the data show: " + sizes,
+                  "stated sigmas differ from those found in the data: " + sizes,
                   text("chi2/dof is %.3g as stated; with these it is about 1", now.per_dof()),
-                  "state these in the rig, or have the noise estimated (`estimate_noise`)");
+                  "state these in the rig, or let the noise be estimated (`estimate_noise`)");
   out.chi2_as_is = now.chi2;
   out.chi2_corrected = static_cast<double>(now.dof);
   return out;
@@ -146,11 +146,10 @@ std::string joint_noise(const Recording& recording, const ModelEvidence& found, 
     if (of_sensor) return "";
     joints += (joints.empty() ? "" : ", ") + noise.words();
   }
-  return joints.empty()
-             ? ""
-             : "Errors of the joint readings would: " + joints +
-                   ". So the readings are that noisy (say so in the rig: joints), or the robot has "
-                   "another geometry than the rig can express.";
+  return joints.empty() ? ""
+                        : "Errors of the joint readings would: " + joints +
+                              ". So the readings are that noisy (state it in the rig: joints), or "
+                              "the rig cannot express the robot's geometry.";
 }
 
 }  // namespace kincal

@@ -262,9 +262,8 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
               quoted(sensor.name) + " in sample " + quoted(recording.samples[worst.sample].id) +
               (pixels ? text(": %.3g px", worst.raw) : text(": %.3g sigmas", worst.whitened));
   h.cure =
-      "leave these points out where they were detected, or let calibrate do it (`reject`), or "
-      "give the steps a loss that bears them (loss: {huber: 3}; {cauchy: 3, scale: data} "
-      "where many are far off)";
+      "remove these points from the samples, or let calibrate do it (`reject`), or give the steps "
+      "a robust loss (loss: {huber: 3}; {cauchy: 3, scale: data} if many are far off)";
   h.undo = [out](Rig& rig, std::vector<Sample>& all) {
     const auto emptied = [&](const View& v) {
       return v.ids.empty() && !rig.sensors[v.sensor].model->measures_pose();

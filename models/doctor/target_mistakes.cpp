@@ -225,7 +225,7 @@ void add_boards(const Rig& rig, const ObservationIndex& observations,
       Subjects where = {Subject::sensor(rig.sensors[s.first].name)};
       for (const auto& p : places) where.push_back(Subject::target(rig.targets[p.first].name));
       add(r, where,
-          "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of what it sees",
+          "sensor " + quoted(rig.sensors[s.first].name) + " numbers the points of its targets",
           places, s.first);
       if (places.size() > 1 &&
           &r == &relabelings
@@ -470,11 +470,12 @@ void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
       h.kind = NoticeKind::views_apart;
       h.many = true;
       h.where = {Subject::sensor(rig.sensors[s].name), Subject::target(rig.targets[t].name)};
-      h.mistake = "the views of sensor " + sensor + " show target " + target +
-                  " elsewhere than the other views from the same body in the same samples";
+      h.mistake =
+          "the views of sensor " + sensor + " show target " + target +
+          " in a different place than the other views from the same body in the same samples";
       h.cure =
-          "a sample is to be one moment: see whether this sensor's views are in another order, or "
-          "late; if it sees another object, give that an entry of its own in targets";
+          "a sample must be one moment: check whether this sensor's views are in another order, or "
+          "late; if it sees another object, give that object its own entry in targets";
       h.undo = [s, t = static_cast<int>(t)](Rig& r, std::vector<Sample>& changed) {
         Target own = r.targets[t];
         own.name += " (seen by " + r.sensors[s].name + ")";
@@ -605,13 +606,12 @@ std::optional<Hypothesis> moved_target(const Recording& recording, const TrialCo
   Hypothesis h;
   h.kind = NoticeKind::moved_target;
   h.where = {Subject::target(name), Subject::sample(best.first)};
-  h.mistake = "target " + quoted(name) + " stands elsewhere from sample " + quoted(best.first) +
-              " on: it was moved by " + text("%.3g mm", 1e3 * best.distance) +
-              text(" and %.3g mrad", 1e3 * best.angle);
+  h.mistake = "target " + quoted(name) + " moved at sample " + quoted(best.first) + ": by " +
+              text("%.3g mm", 1e3 * best.distance) + text(" and %.3g mrad", 1e3 * best.angle);
   h.cure =
-      "calibrate what was recorded before and after that apart; or give it a second entry in "
-      "targets, with the same numbers and link and without pose, and name that one in the "
-      "views from there on";
+      "calibrate the samples before and after that separately; or give it a second entry in "
+      "targets, with the same geometry and link and without pose, and name that one in the views "
+      "from there on";
   h.free = free_of_copy(context, name);
   h.told = [said = std::make_pair(h.mistake, h.cure)](const std::vector<double>&) { return said; };
   h.undo = [target = best.target, from = best.from](Rig& r, std::vector<Sample>& changed) {
@@ -623,10 +623,10 @@ std::optional<Hypothesis> moved_target(const Recording& recording, const TrialCo
 std::string wrong_size(const Target& target, double factor) {
   return target.grid
              ? "the size of target " + quoted(target.name) + " is wrong: " +
-                   text("the rig says %.6g m, the data say %.6g m (times %.5g)", target.square,
+                   text("%.6g m in the rig, %.6g m from the data (times %.5g)", target.square,
                         target.square * factor, factor)
              : "the points of target " + quoted(target.name) + " have the wrong unit or scale: " +
-                   text("the data say %.5g times as large", factor);
+                   text("from the data %.5g times as large", factor);
 }
 
 }  // namespace kincal

@@ -79,15 +79,15 @@ std::optional<Changed> two_parts(const Recording& recording, const TrialContext&
     return std::nullopt;
   const std::string &last = recording.samples[order[at - 1]].id,
                     &first = recording.samples[order[at]].id;
-  Notice out = make_notice(
-      NoticeKind::changed, {Subject::sample(first)},
-      "what was recorded up to sample " + quoted(last) + " and from " + quoted(first) +
-          " on contradict each other: chi2/dof is " +
-          text("%.3g of all, %.3g and %.3g of the two by themselves", now.per_dof(),
-               best[0].fit.per_dof(), best[1].fit.per_dof()),
-      "something changed between: images of another size or lens setting, a joint that was homed "
-      "anew, a camera, tracker or target that was bumped, or it is another robot",
-      "calibrate the two parts apart, and compare them (diff)");
+  Notice out =
+      make_notice(NoticeKind::changed, {Subject::sample(first)},
+                  "the samples up to " + quoted(last) + " and those from " + quoted(first) +
+                      " on contradict each other: chi2/dof is " +
+                      text("%.3g of all, %.3g and %.3g of the two by themselves", now.per_dof(),
+                           best[0].fit.per_dof(), best[1].fit.per_dof()),
+                  "something changed in between: image size or lens setting, a joint that was "
+                  "homed again, a camera, tracker or target that was bumped, or another robot",
+                  "calibrate the two parts separately, and compare them (diff)");
   out.chi2_as_is = now.chi2;
   out.chi2_corrected = chi2(best);
   return Changed{std::move(out), apart->log + prior};

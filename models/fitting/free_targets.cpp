@@ -124,7 +124,7 @@ void start_some(const Recording& recording, const std::vector<int>& samples,
         throw std::runtime_error("sample '" + sample.id +
                                  "': no start found for the pose of target '" +
                                  rig.targets[target].name + "': what sees it (" + types +
-                                 ") does not tell where it is; let another sensor see it too, or "
+                                 ") does not determine its pose; let another sensor see it too, or "
                                  "mount it on a link with a pose");
       std::vector<std::pair<double, size_t>> order;
       for (size_t i = 0; i < found.size(); ++i) {

@@ -26,7 +26,7 @@
 
 namespace kincal {
 
-/// Returns what is left of evidence when these numbers are its own: it says nothing of them then.
+/// Returns the evidence after removing these components; it then has no information on them.
 Evidence without_numbers(const Evidence& evidence, const std::vector<int>& numbers);
 
 /// A Slope is b with its sigma.
@@ -56,8 +56,8 @@ struct Drift {
   double p = 1;                      // of the first, whether it is below or not
 };
 
-/// Looks for what changed between results that stand in the order of their times. A number whose b
-/// would be known worse than its scale (of a line: over all the time) is left out.
+/// Looks for changes between results in the order of their times. A component whose b would be less
+/// certain than its scale (for a line: over the whole time) is left out.
 Drift find_drift(const std::vector<Evidence>& results, const std::vector<double>& times,
                  const VectorXd& scale, double level);
 

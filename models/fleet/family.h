@@ -46,7 +46,8 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// A Evidence is what the data of one result say of the fleet's numbers: rows x = seen, whitened.
+/// An Evidence is the information of one result's data on the components of the fleet: rows x =
+/// seen, whitened.
 struct Evidence {
   MatrixXd rows;
   VectorXd seen;

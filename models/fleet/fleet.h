@@ -11,16 +11,18 @@
 
 namespace kincal {
 
-/// A FleetNumber is a component that results of a fleet estimate. Numbers of poses count from a
-/// result's pose, in its frame: of the family from the first result's, of a robot over time from
-/// that of its own first one. (Equations are linear at their estimate; in numbers that count from
-/// far away, a robot's results bend them differently as soon as what they hardly tell differs.)
+/// A FleetNumber is a component that results of a fleet estimate. Components of poses are
+/// increments from a result's pose, in its frame: for the family from the first result's pose, for
+/// a robot over time from that of its own first result. (Equations are linear at their estimate.
+/// With increments from a distant pose, the linearisations of a robot's results would differ as
+/// soon as their poorly determined components differ.)
 struct FleetNumber {
   std::string name, unit;
   double scale = 0;  // how far it may usually be off
 };
 
-/// A FleetResult is what the data of one result say, as equations in the fleet's numbers.
+/// A FleetResult is the information of one result's data, as equations in the components of the
+/// fleet.
 struct FleetResult {
   std::string path, serial;
   double time = 0;     // years since 1970

@@ -100,12 +100,11 @@ Sensor find_camera(const IntrinsicsOptions& options, OneCamera& camera,
     const LensTrial* best = chosen(out.trials);
     out.model = best && !best->loose ? best->model : &given;
     if (out.model == &given && (!best || best->loose))
-      notes.push_back(
-          {"model",
-           text("'%s': no lens can be judged by what is held out of %zu samples%s: it is %s, as "
-                "in the rig",
-                name.c_str(), camera.samples->size(),
-                best ? ", for these do not determine a focal length" : "", given.name.c_str())});
+      notes.push_back({"model", text("'%s': no lens can be tested with the held-out part of %zu "
+                                     "samples%s: it is %s, as in the rig",
+                                     name.c_str(), camera.samples->size(),
+                                     best ? ", for these do not determine a focal length" : "",
+                                     given.name.c_str())});
   } else {
     out.model = options.model == "rig" ? &given : &find_lens(options.model);
   }

@@ -358,8 +358,8 @@ void note_image_size(const FittedLens& fit, std::vector<IntrinsicsNote>& out) {
   const std::string name = "'" + camera.name + "': ";
   const int width = camera.image_width, height = camera.image_height;
   if (width <= 0) {
-    out.push_back({"image_size", name + text("the rig has no image_size; %.0f x %.0f px, as far "
-                                             "as corners were seen, is taken for the image",
+    out.push_back({"image_size", name + text("the rig has no image_size; the range of the corners, "
+                                             "%.0f x %.0f px, is used as the image",
                                              fit.image.x(), fit.image.y())});
     return;
   }

@@ -38,7 +38,7 @@ void set_steps(const std::vector<const LensModel*>& lenses, Rig& rig);
 Rig at_solution(const Solution& solution);
 /// Frees the warp of the boards that samples show; false: they show none.
 bool bend_boards(const std::vector<Sample>& samples, Rig& rig);
-/// Returns the root mean square in px of what a solution leaves of a camera's training views.
+/// Returns the rms in px of a solution's residuals in a camera's training views.
 double training_rms(const Solution& solution, int sensor);
 
 using SharedSamples = std::shared_ptr<const std::vector<Sample>>;
@@ -56,14 +56,15 @@ struct OneCamera {
 };
 OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera, bool bent);
 
-/// Fits a lens of which nothing is known from each of its usual numbers, and keeps the best as a
-/// start: the images of one double sphere are nearly those of another far away.
+/// Fits a lens without initial values from each of its usual starting values, and keeps the best as
+/// a start: the images of one double sphere are nearly those of another with very different
+/// parameters.
 void fit_plain_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera);
 
 /// Returns the camera with a lens at the best of the starts of its kind.
 Sensor best_start(const OneCamera& camera, const LensModel& model);
 
-/// Fits a lens to one camera, and keeps what was found as a start for those with more numbers.
+/// Fits a lens to one camera, and keeps the result as a start for lenses with more parameters.
 Solution fit_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera);
 
 }  // namespace kincal

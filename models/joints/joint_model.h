@@ -51,8 +51,8 @@ class JointModel {
   virtual double by_reading(double reading, const double* own) const = 0;
   /// Returns d position / d own number k.
   virtual double by_own(int k, double reading, const double* own) const = 0;
-  /// Returns which of several pieces of its range a reading is in, in each of which other numbers
-  /// count (depends()): what is far away costs nothing. 0 where all count everywhere.
+  /// Returns in which of several pieces of its range a reading is. Each piece depends on other
+  /// parameters (depends()), so distant pieces cost nothing. 0 if all parameters apply everywhere.
   virtual int piece(double /*reading*/) const { return 0; }
   /// Returns whether the position depends on own number k in a piece.
   virtual bool depends(int /*k*/, int /*piece*/) const { return true; }

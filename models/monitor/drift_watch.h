@@ -44,11 +44,11 @@ using Eigen::VectorXd;
 /// columns and widths of 5 to 100 sigmas (tests/models/monitor/drift_watch_test.cpp).
 constexpr double kOvershoot = 5;
 
-/// Share of healthy samples, or points of a picture, that are taken for outliers: one in a million.
+/// Share of healthy samples, or points of an image, that count as outliers: one in a million.
 constexpr double kOutlier = 1e-6;
-/// Residuals that a noise counts as before any are seen: it is known to a quarter. Of simulated PR2
-/// with 5 the first factors scatter so much that there were 6 false alarms where 2.6 were stated;
-/// of one with twice the noise there was none with 5 and one with 10, in 300 samples.
+/// Residuals that count for a noise before any are seen: its relative error is a quarter. With 5,
+/// on simulated PR2 data, the scatter of the first factors caused 6 false alarms instead of the
+/// stated 2.6. With twice the noise there was none with 5 and one with 10, in 300 samples.
 constexpr double kNoiseKnown = 10;
 
 /// A DriftGroup is what moves together: columns of the equations, and how far they usually do.

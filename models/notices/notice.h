@@ -156,7 +156,7 @@ struct Notice {
 
 using Notices = std::vector<Notice>;
 
-/// Returns a notice as severe as the table says.
+/// Returns a notice with the severity of the table.
 Notice make_notice(NoticeKind kind, Subjects where, std::string what, std::string why = "",
                    std::string cure = "");
 
@@ -173,10 +173,10 @@ std::vector<std::string> tested_mistakes();
 bool can_spoil_the_fit(NoticeKind kind);
 /// Returns whether this can be a number of rig or samples that nobody can mean.
 bool can_be_wrong_number(NoticeKind kind);
-/// Returns whether the weak directions of a result say more than this warning.
+/// Returns whether the weak directions of a result describe more than this warning.
 bool is_of_directions(NoticeKind kind);
-/// Returns whether the first, about the same thing, says why there is the second, which need not be
-/// said then.
+/// Returns whether the first notice explains the second, about the same thing, which then need not
+/// be shown.
 bool explains(NoticeKind cause, NoticeKind effect);
 
 /// Returns whether a verdict speaks of the first rather than of the second.
@@ -185,8 +185,8 @@ bool before(const Notice& a, const Notice& b);
 /// Returns a text as the beginning of a sentence: its first letter is a capital if it begins with a
 /// word, not with a name.
 std::string capital(std::string text);
-/// Returns all of a notice in sentences: of a mistake whole ones; of a warning without capital and
-/// full stop, its cure behind "What to do:".
+/// Returns a notice as text: for a mistake whole sentences; for a warning without capital and full
+/// stop, with its cure after "What to do:".
 std::string sentences(const Notice& notice);
 /// Returns "ID: " and these.
 std::string with_id(const Notice& notice);

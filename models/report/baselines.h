@@ -20,8 +20,8 @@ namespace kincal {
 
 constexpr double kHarmless = 0.01;  // of the rms: less than this matters to nobody
 
-/// A Baseline is a row of the comparison: root mean squares as read of one sensor's held-out
-/// residuals (poses: a row of translations and one of rotations) by three calibrations; NaN: none.
+/// A Baseline is a row of the comparison: the rms of one sensor's held-out residuals with raw
+/// readings (poses: one row of translations and one of rotations) by three calibrations; NaN: none.
 struct Baseline {
   std::string sensor, unit;
   long points = 0, blocks = 0;

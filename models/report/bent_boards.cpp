@@ -171,16 +171,15 @@ Notices bent_boards(const Solution& solution, const Residuals& residuals) {
         !(bend.fell > 0.5 * (solution.chi2_data - solution.dof_data)) || size < kLeast ||
         size > kMost * diagonal || bend.pull < kPull)
       continue;
-    Notice bent = make_notice(
-        NoticeKind::bent, {Subject::target(target.name)},
-        "target " + quoted(target.name) +
-            text(" is not flat: with its middle standing out by %.2g mm along x and %.2g mm along "
-                 "y",
-                 1e3 * bend.warp.x(), 1e3 * bend.warp.y()) +
-            text(" chi2 falls from %.4g to %.4g", solution.chi2_data, left),
-        "",
-        "print it on something flat; or write \"warp: [0, 0]\" in its entry of the rig, and the "
-        "bend is estimated");
+    Notice bent =
+        make_notice(NoticeKind::bent, {Subject::target(target.name)},
+                    "target " + quoted(target.name) +
+                        text(" is not flat: with a warp of %.2g mm along x and %.2g mm along y",
+                             1e3 * bend.warp.x(), 1e3 * bend.warp.y()) +
+                        text(" chi2 falls from %.4g to %.4g", solution.chi2_data, left),
+                    "",
+                    "mount it on a flat plate; or write \"warp: [0, 0]\" in its entry of the rig "
+                    "to estimate the warp");
     bent.chi2_as_is = solution.chi2_data;
     bent.chi2_corrected = left;
     out.push_back(std::move(bent));

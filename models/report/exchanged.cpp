@@ -70,10 +70,10 @@ Notices exchanged_things(const Solution& solution) {
   Notices out =
       in_each_others_place(cameras, NoticeKind::swapped_cameras, Subject::Kind::sensor, "cameras ",
                            "exchange the two names, in the rig or in the views");
-  for (Notice& finding : in_each_others_place(
-           targets, NoticeKind::exchanged_targets, Subject::Kind::target, "targets ",
-           "exchange the two names, or what tells them apart (ids of markers), in "
-           "the rig; or correct their poses"))
+  for (Notice& finding : in_each_others_place(targets, NoticeKind::exchanged_targets,
+                                              Subject::Kind::target, "targets ",
+                                              "exchange the two names, or the ids of their "
+                                              "markers, in the rig; or correct their poses"))
     out.push_back(std::move(finding));
   return out;
 }
@@ -120,17 +120,16 @@ Notices pairs_apart(const Solution& solution) {
         continue;
       const Sensor &first = rig.sensors[a], &second = rig.sensors[b];
       const std::string right = given > 0 ? second.name : first.name;
-      out.push_back(make_notice(
-          NoticeKind::baseline, {Subject::sensor(right)},
-          "cameras " + quoted(first.name) + " and " + quoted(second.name) +
-              " are one pair at one place in the rig, but were found " +
-              length_text(std::abs(apart)) +
-              text(" apart along their baseline: the rig says %.5g m, the data say %.5g m (times "
-                   "%.4g)",
-                   std::abs(given), std::abs(seen), seen / given),
-          "",
-          "measure it, and correct the baseline of camera " + quoted(right) +
-              ": else depths of the pair are wrong by as much"));
+      out.push_back(make_notice(NoticeKind::baseline, {Subject::sensor(right)},
+                                "cameras " + quoted(first.name) + " and " + quoted(second.name) +
+                                    " are one pair at one place in the rig, but were found " +
+                                    length_text(std::abs(apart)) +
+                                    text(" apart along their baseline: %.5g m in the rig, %.5g m "
+                                         "from the data (times %.4g)",
+                                         std::abs(given), std::abs(seen), seen / given),
+                                "",
+                                "measure it, and correct the baseline of camera " + quoted(right) +
+                                    ": otherwise depths of the pair are wrong by the same factor"));
     }
   return out;
 }
@@ -160,11 +159,9 @@ Notices seen_from_behind(const Solution& solution) {
           NoticeKind::mirrored, {Subject::target(rig.targets[t].name)},
           "marker " + quoted(rig.targets[t].name) + " is seen from behind in all " +
               std::to_string(views[t]) +
-              " views, which cannot be: its corners are numbered counter-clockwise, or "
-              "the images are mirrored",
-          "",
-          "write its corners clockwise, as seen from the front, from the upper left one "
-          "on"));
+              " views, which is impossible: its corners are numbered counter-clockwise, or the "
+              "images are mirrored",
+          "", "list its corners clockwise as seen from the front, starting at the upper left one"));
   return out;
 }
 

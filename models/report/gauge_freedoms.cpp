@@ -218,7 +218,7 @@ JudgedSigma judged_sigma(const GaugeFreedoms& freedoms, const ParameterEstimate&
 }
 
 std::string measure_words(const std::string& size) {
-  return "measure " + size + " over several fields, write it into the rig, and hold it (`fix`)";
+  return "measure " + size + " over several fields, write it into the rig, and fix it (`fix`)";
 }
 
 }  // namespace kincal

@@ -97,22 +97,21 @@ void warn_of_few_data(const Solution& solution, Notices& out) {
   const std::string of_samples =
       std::to_string(samples) + " training sample" + (samples == 1 ? "" : "s");
   if (unknowns > 0 && numbers <= unknowns) {
-    out.push_back(make_notice(
-        NoticeKind::few_data, {},
-        of_samples +
-            text(": %ld numbers say where things are to each other (six a view at most)"
-                 ", for %ld unknowns without a prior: ",
-                 numbers, unknowns) +
-            (numbers == unknowns ? "nothing is left to judge them by" : "that is too few"),
-        "", "record more postures, or free less"));
+    out.push_back(
+        make_notice(NoticeKind::few_data, {},
+                    of_samples +
+                        text(": %ld values determine relative poses (at most six per view), for "
+                             "%ld unknowns without a prior: ",
+                             numbers, unknowns) +
+                        (numbers == unknowns ? "no degrees of freedom are left to check them"
+                                             : "that is too few"),
+                    "", "record more postures, or estimate fewer parameters"));
     out.back().severity = Severity::doubt;  // residuals as large as the noise say nothing then
   } else if (!(solution.dof_data > 0) && !solution.columns.empty()) {
-    out.push_back(make_notice(
-        NoticeKind::few_data, {},
-        of_samples +
-            " have no more measured numbers than there are unknowns: nothing is left to judge "
-            "these by",
-        "", "record more, or free less"));
+    out.push_back(make_notice(NoticeKind::few_data, {},
+                              of_samples + " have no more measured values than there are unknowns: "
+                                           "no degrees of freedom are left to check these",
+                              "", "record more, or estimate fewer parameters"));
   }
 }
 
@@ -283,7 +282,7 @@ void warn_of_repetition(const Recording& recording, Notices& out) {
            scatter.sum > 0 ? "differ by far less than their sigmas allow while the views are the "
                              "same"
                            : "are exactly equal"),
-      text("each counts as if it had errors of its own, so sigmas may be %.1f times too small",
+      text("each counts as if its errors were independent, so sigmas may be %.1f times too small",
            std::sqrt(each)),
       "let the robot move between samples, or keep one of each posture"));
   if (each > kOftenRepeated) out.back().severity = Severity::doubt;
@@ -307,13 +306,13 @@ void warn_of_unseen(const Solution& solution, Notices& out) {
     all.cure += (all.cure.empty() ? "" : "; ") + cure;
     for (const std::string& name : names) all.where.push_back(Subject::parameter(name));
   };
-  const std::string none = "no training sample shows what has this pose; ",
+  const std::string none = "no training sample shows the object with this pose; ",
                     test =
-                        "only held-out samples show what has this pose; to judge them it is "
+                        "only held-out samples show the object with this pose; for the test it is "
                         "estimated from them alone, and the result ";
   add(unseen.open, false,
-      none + "nothing is known of it, and of what depends on it (in the result it is the identity)",
-      "record samples that show it, or take it out of the rig");
+      none + "it and everything that depends on it are unknown (the result has the identity)",
+      "record samples that show it, or delete it from the rig");
   add(unseen.given, false, none + "it keeps the rig's value, which predictions take as exact",
       "to estimate it, record samples that show it");
   add(unseen.open, true, test + "has no pose of it (the identity)",
@@ -344,11 +343,10 @@ void warn_of_unused_priors(const Solution& solution, Notices& out) {
       unused.push_back(prior.pattern);
   }
   if (unused.empty()) return;
-  out.push_back(make_notice(
-      NoticeKind::unused_prior, subjects(Subject::Kind::prior, unused),
-      "the prior on " + listed(unused, kNamed) +
-          " changes nothing: no measurement of the training depends on what it is about, which "
-          "keeps the rig's value"));
+  out.push_back(make_notice(NoticeKind::unused_prior, subjects(Subject::Kind::prior, unused),
+                            "the prior on " + listed(unused, kNamed) +
+                                " has no effect: no training measurement depends on its parameter, "
+                                "which keeps the rig's value"));
 }
 
 void warn_of_rescaled(const Report& report, Notices& out) {
@@ -363,7 +361,7 @@ void warn_of_rescaled(const Report& report, Notices& out) {
     cases.push_back({Subject::parameter(name),
                      name + text(" is %.4g", value) + unit + text(" in the result, %.4g", given) +
                          unit + text(" in the rig (%.4g times): ", factor) +
-                         (times > kRescaled ? "correct the rig, its unit may be another"
+                         (times > kRescaled ? "correct the rig; the unit may be wrong"
                           : lens ? "give the intrinsics of this camera and resolution in the rig"
                                  : "measure it, and correct the rig"),
                      std::abs(std::log(factor))});
@@ -391,11 +389,11 @@ void warn_of_rescaled(const Report& report, Notices& out) {
   const bool freed_by_nobody = std::any_of(cases.begin(), cases.end(), [&](const WarningItem& c) {
     return nobody_freed(report, c.what.name);
   });
-  out.push_back(notice_of(NoticeKind::rescaled,
-                          "sizes or focal lengths are others than the rig says", std::move(cases),
-                          "", "measure what came out as another, and correct the rig"));
+  out.push_back(notice_of(NoticeKind::rescaled, "sizes or focal lengths differ from the rig",
+                          std::move(cases), "",
+                          "measure the parameter that differs, and correct the rig"));
   out.back().otherwise =
-      "or state how well it is known (priors); a length of the robot that is wrong looks the same";
+      "or state its uncertainty (priors); a wrong length of the robot has the same effect";
   if (freed_by_nobody) out.back().severity = Severity::doubt;
 }
 
@@ -406,13 +404,14 @@ Notice identity_notice(const Solution& solution, const std::string& name) {
       if (!e.freed[c]) held.push_back(e.components[c]);
       if (e.prior[c] > 0) prior.push_back(e.components[c]);
     }
-  std::string why = "a coordinate of it is held, or it has a prior";
-  if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " held";
+  std::string why = "one of its coordinates is fixed, or it has a prior";
+  if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " fixed";
   if (held.empty() && !prior.empty()) why = "it has a prior";
-  return make_notice(NoticeKind::identity, {Subject::parameter(name)},
-                     name + " is absent from the rig, and " + why +
-                         ": that counts from the identity (0, not turned), where it hardly is",
-                     "", "give it a pose in the rig, or free all of it and without a prior");
+  return make_notice(
+      NoticeKind::identity, {Subject::parameter(name)},
+      name + " is missing in the rig, and " + why +
+          ": the prior or the fixed value refers to the identity, which is unlikely to be its pose",
+      "", "give it a pose in the rig, or estimate all of it without a prior");
 }
 
 std::optional<Notice> counts_from_identity(const Solution& solution) {

@@ -27,8 +27,8 @@ std::string doubted_gears(const Report& report) {
           (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name + "'";
   return list.empty() ? ""
                       : ". " + list +
-                            " may have another gear ratio than stated, which looks like noise: "
-                            "`group` gears estimates it";
+                            " may have a wrong gear ratio, which looks like noise: `group` gears "
+                            "estimates it";
 }
 
 std::string level_name(const NoiseLevel& level) {
@@ -41,7 +41,7 @@ std::string level_text(const NoiseLevel& level) {
   const std::string value = level_name(level) + text(": %.3g ", level.used) + level.unit;
   return value + text(", stated %.3g", level.assumed) +
          (std::abs(std::log(level.used / level.assumed)) > std::log(kMostTried)
-              ? " (ten times is the most that is tried: state it nearer to what is true)"
+              ? " (at most a factor of ten is tried: state a value nearer to the truth)"
               : "");
 }
 
@@ -67,7 +67,7 @@ std::string noisier_joints_text(const Report& report) {
   return joints.empty() ? ""
                         : ". But joints look noisier than that, so sigmas may be too small: " +
                               listed(joints, kNamed) +
-                              ". State the sensors' sigmas as they are, or have the noise "
+                              ". State the true sigmas of the sensors, or let the noise be "
                               "estimated (`estimate_noise`)";
 }
 
@@ -135,7 +135,7 @@ std::vector<std::string> stated_noise_texts(const Report& report, Subjects& wher
   if (most < 1 && most < kOneFactor * least)
     return {begin + ": errors are smaller than stated",
             text("all sigmas were multiplied by %.2g (", most) + all +
-                "); the rig of the result has them so. The estimates are the same with either" +
+                "); the rig of the result has these. The estimates are the same with both" +
                 noisier_joints_text(report) +
                 (noise_is_doubtful(report)
                      ? text(". If only some were stated too large, the sigmas of the result are up "
@@ -145,8 +145,8 @@ std::vector<std::string> stated_noise_texts(const Report& report, Subjects& wher
   return {
       (taken_for_noise(report) ? "residuals are larger than the stated noise allows (" + begin + ")"
                                : begin) +
-          ", and no mistake explains that",
-      "sigmas were estimated from the data, and the rig of the result has them so. Are they "
+          ", and no mistake explains this",
+      "sigmas were estimated from the data, and the rig of the result has these. Are they "
       "plausible? " +
           all + doubted_gears(report)};
 }
@@ -211,9 +211,8 @@ std::string sensors_as_seen(const Report& report) {
   const bool own = std::any_of(report.noise_levels.begin(), report.noise_levels.end(),
                                [](const NoiseLevel& l) { return l.own_views > 0; });
   return "sensors: {" + out + "}" +
-         (own ? ", and make the samples anew with it (import, detect --sigma), for their views "
-                "have "
-                "sigmas of their own"
+         (own ? ", and create the samples again with it (import, detect --sigma), because their "
+                "views have their own sigmas"
               : "");
 }
 
@@ -227,7 +226,7 @@ bool tells_flange(const Trend& trend, const Tree& tree) {
 std::string own_errors_words(const Report& report) {
   const std::string by = beyond_repeating(report);
   return by.empty() ? ""
-                    : "that holds if what the flange's poses err by (" + by +
+                    : "this is valid if the error of the flange poses (" + by +
                           ") is noise and not the robot's own inaccuracy";
 }
 
@@ -255,27 +254,25 @@ void warn_of_trends(const Report& report, Notices& out) {
                       both = shift.empty() || turn.empty() ? "" : ", ";
     cases.push_back({Subject::joint(joint.name),
                      std::string("the errors of the ") + (flange ? "poses" : "readings") +
-                         " of joint " + quoted(joint.name) + " go with where it stands (" + shift +
+                         " of joint " + quoted(joint.name) + " depend on its position (" + shift +
                          both + turn + text(", up to %.0f %% of their scatter)", 100 * trend.share),
                      trend.clear});
   }
   if (cases.empty()) return;
   const bool flange = tells_flange(report.trends.front(), tree);
   out.push_back(notice_of(
-      NoticeKind::systematic, "joints have errors that go with where they stand", std::move(cases),
-      std::string("that is no noise but ") +
-          (flange ? "the robot's own inaccuracy, such as wrong zeros of its joints, which more "
-                    "poses do not average out"
-                  : "something that the rig does not have: a gear, sag, bending or play") +
-          ". It is counted as noise, so the sigmas of the result are too small, also where "
-          "chi2/dof "
-          "is fine: it may be off by several times them, most of all away from the postures "
-          "recorded",
-      flange ? "log the joint readings and calibrate with the robot's URDF, so that its zeros are "
-               "estimated too, or have the robot's zeros set anew"
-             : "estimate what the rig can express (gears: `group` gears), and look for what bends "
-               "or is loose"));
-  out.back().otherwise = "else use the result only near the poses recorded";
+      NoticeKind::systematic, "joints have errors that depend on their position", std::move(cases),
+      std::string("this is not noise but ") +
+          (flange ? "the robot's own inaccuracy, for example wrong joint zeros, which more poses "
+                    "do not average out"
+                  : "an effect that the rig does not model: a gear, sag, bending or play") +
+          ". It is counted as noise, so the sigmas of the result are too small even if chi2/dof is "
+          "near 1: errors may be several sigmas, most of all away from the recorded postures",
+      flange ? "record the joint readings and calibrate with the robot's URDF, so that its zeros "
+               "are estimated too, or set the robot's zeros again"
+             : "estimate the effects that the rig can express (gears: `group` gears), and look for "
+               "bending or loose parts"));
+  out.back().otherwise = "otherwise use the result only near the recorded poses";
 }
 
 void warn_of_jumps(const Report& report, Notices& out) {
@@ -296,10 +293,9 @@ void warn_of_jumps(const Report& report, Notices& out) {
           (joints.size() > 1
                ? " (and those of " + listed({joints.begin() + 1, joints.end()}, kNamed) + ")"
                : std::string()),
-      "from there on something is elsewhere, a joint that was homed anew, a sensor or target that "
-      "was bumped, or it is another robot. It is counted as noise, so the sigmas of the result are "
-      "too small",
-      "calibrate what was recorded before that sample and from it on apart, and compare the two "
+      "something changed there: a joint was homed again, a sensor or target was bumped, or it is "
+      "another robot. The change is counted as noise, so the sigmas of the result are too small",
+      "calibrate the samples before that one and those from it on separately, and compare the two "
       "(diff)"));
 }
 
@@ -320,8 +316,8 @@ void warn_of_quiet_joints(const Report& report, Notices& out) {
       NoticeKind::quiet_joints, std::move(where),
       std::to_string(joints.size()) + (joints.size() == 1 ? " joint is" : " joints are") +
           " at most a third as noisy as stated: " + listed(joints, kNamed),
-      "noise that is not there hides what the data tell of the robot",
-      "state what is seen, or have the noise estimated (`estimate_noise`), and calibrate again"));
+      "overstated noise hides information about the robot",
+      "state the estimated noise, or let it be estimated (`estimate_noise`), and calibrate again"));
 }
 
 void warn_of_guessed_noise(const Report& report, Notices& out) {
@@ -336,7 +332,7 @@ void warn_of_guessed_noise(const Report& report, Notices& out) {
         level_name(*level) + text(" is %.2g ", level->used) + level->unit +
         text(" off, %.0f times the usual noise, if it is noise", level->used / level->guess);
     notice.cure =
-        "state the noise in the rig if it is that large; else look for a mistake (`check`)";
+        "state the noise in the rig if it is that large; otherwise look for a mistake (`check`)";
   } else if (const std::string by = beyond_repeating(report); !by.empty()) {
     notice.why =
         "robots repeat better than that: if it is not noise but the robot's own inaccuracy (zeros "
@@ -360,24 +356,24 @@ void warn_of_noise(const Report& report, Notices& out) {
     }
   if (!kept.empty()) {
     all.push_back("these data do not determine the noise of " + listed(kept, kNamed) +
-                  ": what is stated was kept");
+                  ": the stated value was kept");
     if (const NoiseLevel* blamed = blamed_for_joints(report))
       all.push_back(level_name(*blamed) +
-                    text(" came out %.2g times as noisy as stated: where that is noise of these "
+                    text(" came out %.2g times as noisy as stated: if this is noise of these "
                          "joints, sigmas of the result are far too small",
                          blamed->used / blamed->assumed));
   }
   if (!report.noise_estimated->converged)
-    all.push_back("the noise was estimated in " + std::to_string(report.noise_estimated->count) +
-                  " rounds and still moves: what the model lacks is taken for noise, now of this "
-                  "and now of that");
+    all.push_back(
+        "the noise was estimated in " + std::to_string(report.noise_estimated->count) +
+        " rounds and did not converge: model errors are attributed to noise of changing sources");
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
       all.push_back(level.of + ": " + std::to_string(level.own_views) +
                     (level.own_views == 1 ? " view has" : " views have") +
-                    " sigmas of their own in the samples file; they were multiplied by the "
-                    "sensor's factor, the file keeps its numbers, which the rig's sigma does not "
-                    "change: make it anew with that (import, detect --sigma)");
+                    " their own sigmas in the samples file; they were multiplied by the sensor's "
+                    "factor. The file is unchanged and overrides the rig's sigma: create it again "
+                    "with the new sigma (import, detect --sigma)");
   if (all.empty()) return;
   Notice noise = make_notice(NoticeKind::noise, std::move(where), all[0]);
   for (size_t i = 1; i < all.size(); ++i) noise.why += (i > 1 ? ". " : "") + capital(all[i]);
@@ -385,12 +381,12 @@ void warn_of_noise(const Report& report, Notices& out) {
     noise.severity = Severity::doubt;
     const bool lacks = taken_for_noise(report);
     noise.cure = lacks ? "state the noise in the rig, if joints and sensors are that noisy"
-                       : "state in the rig what you know of the noise";
-    noise.otherwise = lacks ? "else the robot has what is not estimated (gears: `group` gears; "
-                              "play, bending, readings that are late, an error of a sensor), and "
-                              "sigmas are too small for that" +
-                                  noisiest_words(report)
-                            : "if that of the joints is right: " + sensors_as_seen(report);
+                       : "state the known noise in the rig";
+    noise.otherwise =
+        lacks ? "otherwise the robot has errors that are not estimated (gears: `group` gears; "
+                "play, bending, late readings, a sensor error), and sigmas are too small" +
+                    noisiest_words(report)
+              : "if that of the joints is right: " + sensors_as_seen(report);
     if (lacks && neighbours_err_alike(report.solution, report.residuals)) say_no_noise(noise);
   }
   out.push_back(std::move(noise));

@@ -41,23 +41,24 @@ void warn_of_zero(const ZeroGauge& zero, std::vector<WarningItem> poses, Notices
     words.push_back(c.what.name + " (" + c.text + ")");
   }
   const bool one = zero.numbers.size() == 1;
-  const std::string number = one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") +
-                                       zero.joint + "' (" + zero.numbers[0] + ")"
-                                 : "numbers of the joints (" + listed(zero.numbers, kNamed) + ")";
+  const std::string number =
+      one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") + zero.joint + "' (" +
+                zero.numbers[0] + ")"
+          : "parameters of the joints (" + listed(zero.numbers, kNamed) + ")";
   const char* same = one ? "one number" : "the same numbers";
   const std::string poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
   warning.what = zero.at_base
-                     ? poses_are + " known no better than where the base frame is: that and " +
-                           number + " are " + same + ", the base frame's own choice"
-                     : poses_are + " known no better than " + number +
+                     ? poses_are +
+                           " determined no better than the position of the base frame: that and " +
+                           number + " are " + same + ", the free choice of the base frame"
+                     : poses_are + " determined no better than " + number +
                            (one ? ", the last one" : "") + ": they are " + same;
   warning.why = zero.at_base
-                    ? "no posture tells it, nothing that is measured depends on it, and it "
-                      "does no harm"
-                    : "no posture tells it, and nothing that is measured depends on it; a "
-                      "tool that sits there is where the rig says only up to this";
+                    ? "no posture determines it, no measurement depends on it, and it does no harm"
+                    : "no posture determines it, and no measurement depends on it; the position of "
+                      "a tool there has this uncertainty";
   warning.cure = "to take the rig's value" + std::string(one ? "" : "s") + " for " +
-                 (one ? "it" : "them") + ", hold " + listed(zero.numbers, kNamed) + " (`fix`)";
+                 (one ? "it" : "them") + ", fix " + listed(zero.numbers, kNamed) + " (`fix`)";
   out.push_back(std::move(warning));
 }
 
@@ -97,11 +98,10 @@ void warn_of_movements(const Solution& solution, Notices& out) {
                          " from its initial value",
                      std::max(moved, turned)});
   }
-  warn(
-      NoticeKind::moved, "poses moved by more than 0.1 m or 10 degrees", std::move(poses),
-      "look whether the robot is like that, and correct the pose in the rig; else its link or what "
-      "it sees is another, or it takes up another mistake",
-      out);
+  warn(NoticeKind::moved, "poses moved by more than 0.1 m or 10 degrees", std::move(poses),
+       "check the pose on the robot and correct it in the rig; otherwise its link or its target is "
+       "wrong, or it absorbs another mistake",
+       out);
 }
 
 void warn_of_gauges(const Report& report, Notices& out) {
@@ -254,15 +254,13 @@ void warn_of_parameters(const Report& report, Notices& out) {
             {Subject::parameter(name), known, e.sigma[c] / pose_scales(e.units[c]).yardstick});
     }
   if (!priors.empty()) {
-    out.push_back(notice_of(
-        NoticeKind::prior,
-        automatic ? "parameters are off by more than 3 times what is usual here"
-                  : "parameters are more than 3 prior sigmas from their priors",
-        std::move(priors), "",
-        automatic
-            ? "compare this parameter with the robot; if it is right, look for another mistake "
-              "that it takes up (`check`)"
-            : "see which of the two is wrong, the prior or the data"));
+    out.push_back(notice_of(NoticeKind::prior,
+                            automatic ? "parameters are off by more than 3 times what is usual here"
+                                      : "parameters are more than 3 prior sigmas from their priors",
+                            std::move(priors), "",
+                            automatic ? "compare this parameter with the robot; if it is right, "
+                                        "look for another mistake that it absorbs (`check`)"
+                                      : "check which of the two is wrong, the prior or the data"));
     if (!prior_is_doubtful(report)) out.back().severity = Severity::remark;
   }
   if (std::optional<Notice> loose = loose_parameters(report)) out.push_back(std::move(*loose));

@@ -30,8 +30,9 @@ namespace kincal {
 
 constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
 
-/// A Verdict says whether to use a result, in two lines: `use` (good, doubts or no) and why (a
-/// clause); the first of `next`, what to do (clauses; none: nothing). All else stands behind these.
+/// A Verdict states whether to use a result, in two lines: `use` (good, doubts or no) and why (a
+/// clause); and the first of `next`, the actions (clauses; none: nothing to do). All other texts
+/// follow these.
 struct Verdict {
   std::string use, why;
   std::vector<std::string> next = {};
@@ -42,7 +43,7 @@ struct Verdict {
   std::vector<std::string> held = {};     // parameters fixed because the data do not determine them
   std::vector<std::string> unmet = {};    // requirements
 };
-/// Returns what a verdict says of parameters held and tolerances not met, as its reasons are.
+/// Returns the reasons of a verdict about fixed parameters and tolerances that are not met.
 std::vector<std::string> notes(const Verdict& verdict);
 /// Returns a verdict as one paragraph.
 std::string sentences(const Verdict& verdict);

@@ -6,10 +6,10 @@
 
 namespace kincal {
 
-/// A Requirement is a tolerance. For a sensor it is on rms as read: of the held-out samples if
-/// these have points of the sensor, else cross-validated, else of training. For a frame it is on
-/// the rms of the predicted sigma over the samples' postures (without such over the joints'
-/// limits), of the calibration alone.
+/// A Requirement is a tolerance. For a sensor it applies to the rms with raw readings: of the
+/// held-out samples if they have points of the sensor, else cross-validated, else of training. For
+/// a frame it applies to the rms of the predicted sigma over the samples' postures (without
+/// samples: over the joint limits), of the calibration alone.
 struct Requirement {
   enum class Quantity { sensor, frame, chi2_per_dof };
   std::string text;  // as given
@@ -28,7 +28,7 @@ struct Judgement {
   bool met = false;
 };
 
-/// Returns "sensor/tracker<0.2mm: 0.169 mm, held out", or why there is nothing to measure.
+/// Returns "sensor/tracker<0.2mm: 0.169 mm, held out", or why nothing can be measured.
 std::string judgement_text(const Judgement& judgement);
 
 }  // namespace kincal

@@ -131,11 +131,10 @@ void warn_of_scales(const Report& report, Notices& out) {
                    100 * scale.by_chance),
           std::string("where the squares of ") +
               (all.targets.size() == 1 ? "target " : "targets ") + joined(all.targets) +
-              text(" are taken %.3g times as large they are as the rig has them",
-                   1 / scale.factor) +
-              ": nothing else tells the scale",
-          "measure the squares, over many fields, and correct the rig; if they are right, correct "
-          "the poses"));
+              text(" are taken %.3g times as large they agree with the rig", 1 / scale.factor) +
+              ": nothing else determines the scale",
+          "measure the spacing over many fields and correct the rig; if it is right, correct the "
+          "poses"));
   }
   for (const OtherModel* arm : told_models(report.other_models, NoticeKind::arm_scale)) {
     if (!report.solution.usable() || std::abs(arm->value - 1) < kArmScaled) continue;
@@ -146,25 +145,27 @@ void warn_of_scales(const Report& report, Notices& out) {
                                   (arm->where.size() == 1 ? " measures" : " measure") +
                                   " had another unit or scale",
                               "",
-                              "measure a known distance with it; if that is right, measure a link, "
-                              "and correct the URDF"));
+                              "measure a known distance with it; if the result is right, measure a "
+                              "link, and correct the URDF"));
   }
   for (const UncheckedScale& scale : report.unchecked)
     out.push_back(make_notice(
         NoticeKind::unchecked, subjects(Subject::Kind::parameter, scale.scales),
-        "nothing in the data checks " + scale_words(scale) + ": were they one percent wrong, " +
-            scale.worst + " would come out elsewhere by " + shown_text(scale.moved, scale.unit) +
+        "nothing in the data checks " + scale_words(scale) +
+            ": if they were wrong by one percent, " + scale.worst + " would shift by " +
+            shown_text(scale.moved, scale.unit) +
             text(", %.2g times its sigma, with residuals as small", scale.sigmas),
         "",
-        of_joint(scale) ? "compare a long way of the joint with a ruler, or say how well the other "
-                          "parameter is known (priors)"
-                        : "measure over many fields, and see that the rig says that"));
+        of_joint(scale) ? "compare a long travel of the joint with a ruler, or state the "
+                          "uncertainty of the other parameter (priors)"
+                        : "measure over many fields, and write that value into the rig"));
 }
 
 std::string unchecked_words(const Report& report) {
   std::vector<std::string> words;
   for (const UncheckedScale& scale : report.unchecked) words.push_back(scale_words(scale));
-  return words.empty() ? "" : "it is as right as " + listed(words) + ", which nothing checks";
+  return words.empty() ? ""
+                       : "it is only as accurate as " + listed(words) + ", which nothing checks";
 }
 
 }  // namespace kincal

@@ -299,15 +299,15 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
       if (g.held && !g.numbers.empty()) {
         report.solution.without_effect.push_back(
             "`group` " + quoted(g.name) +
-            " was asked for, yet its numbers stay as the rig has them: " +
-            text("the data speak too little for their being off (log evidence %.1f, 3 is needed). ",
+            " was requested, but its parameters keep their nominal values: " +
+            text("the data give too little evidence of an error (log evidence %.1f, 3 is needed). ",
                  g.gain) +
-            "To estimate them all the same, free each by name (`free`), as " + g.numbers[0].name);
+            "To estimate them anyway, free each by name (`free`), for example " +
+            g.numbers[0].name);
       } else if (!g.held && g.name != "gears") {
         report.solution.without_effect.push_back(
             "`group` " + quoted(g.name) +
-            " changes nothing: it is among those tried anyway, and was "
-            "estimated");
+            " has no effect: this group is always tried, and was estimated");
       }
     }
 }
@@ -327,8 +327,8 @@ void say_no_further(const GroupChoice& choice, Report& report) {
                                [&](const AutomaticGroup& g) { return g.name == one && !g.held; });
     }
     if (asked && !found)
-      report.solution.without_effect.push_back("`group` " + quoted(name) +
-                                               " was asked for, yet the data do not speak for it");
+      report.solution.without_effect.push_back(
+          "`group` " + quoted(name) + " was requested, but the data give no evidence for it");
   }
 }
 

@@ -26,8 +26,8 @@ void warn_of_doubted_priors(const Report& report, Notices& out) {
         "the data contradict the rig's prior on " + prior->where[0].name +
             text(": with one %.2g times as wide they are far more likely (log odds %+.3g)",
                  prior->value, prior->log_odds),
-        "with the prior as it is other parameters take the place of these",
-        "see which of the two is wrong, the prior or the data; correct it, or leave it away"));
+        "with the present prior other parameters absorb the difference",
+        "check which of the two is wrong, the prior or the data; correct it, or delete the prior"));
 }
 
 void warn_of_use(const Residuals& residuals, Notices& out) {
@@ -45,14 +45,14 @@ void warn_of_use(const Residuals& residuals, Notices& out) {
                     ", before " + shown_text(errors.rms_before, s.unit));
   }
   if (worse.empty()) return;
-  out.push_back(make_notice(
-      NoticeKind::in_use, std::move(where),
-      std::string("in use, with joint readings taken as they are, errors are larger than before") +
-          (held_out ? ", on data that were held out: " : ": ") + listed(worse, kNamed),
-      "either readings are stated noisier than they are, or what the model lacks was taken for "
-      "their noise",
-      "state the noise of the joints that is seen, calibrate again, and keep the robot's own "
-      "numbers until errors in use are smaller"));
+  out.push_back(
+      make_notice(NoticeKind::in_use, std::move(where),
+                  std::string("with raw joint readings, errors are larger than before") +
+                      (held_out ? ", on held-out data: " : ": ") + listed(worse, kNamed),
+                  "either the stated noise of the readings is too large, or model errors were "
+                  "attributed to their noise",
+                  "state the estimated noise of the joints, calibrate again, and keep the robot's "
+                  "own parameters until errors with raw readings are smaller"));
 }
 
 void warn_of_contradicted(const Report& report, Notices& out) {
@@ -73,7 +73,7 @@ void warn_of_contradicted(const Report& report, Notices& out) {
         NoticeKind::contradicted, {},
         "no held-out sample can be evaluated at the estimate (a point lies behind a camera): they "
         "contradict the calibration, which is not validated",
-        "", "look at these samples; if they are right the calibration is wrong"));
+        "", "check these samples; if they are right, the calibration is wrong"));
     return;
   }
   std::vector<std::string> worse;
@@ -97,8 +97,7 @@ void warn_of_contradicted(const Report& report, Notices& out) {
                             "held-out samples contradict the calibration: " + listed(worse, kNamed),
                             "", "look at the held-out samples"));
   out.back().otherwise =
-      "if they are right the calibration holds for the postures of the training only, or not at "
-      "all";
+      "if they are right, the calibration is valid only for the training postures, or not at all";
 }
 
 /// So many outliers that the majority need not be right.
@@ -113,13 +112,13 @@ void warn_of_rejected(const Report& report, Notices& out) {
     if (!group.held && group.factor >= kWide)
       wide += (wide.empty() ? "" : ", ") + group.name + text(" (%.2g times)", group.factor);
   if (!wide.empty())
-    wide = ". What is left asks for errors of the robot far beyond the usual: " + wide;
+    wide = ". The remaining data imply robot errors far larger than usual: " + wide;
   out.push_back(make_notice(NoticeKind::rejected,
                             subjects(Subject::Kind::sample, {samples.begin(), samples.end()}),
                             std::to_string(samples.size()) + " of " + std::to_string(all) +
-                                " training samples were taken out as outliers",
-                            "among so many the good ones may be those that were taken out" + wide,
-                            "look at both parts before the result is used"));
+                                " training samples were removed as outliers",
+                            "with this many, the removed samples may be the good ones" + wide,
+                            "check both parts before the result is used"));
 }
 
 /// A calibration that is worse than one that leaves the robot as it is.
@@ -136,9 +135,10 @@ void warn_of_held_out(const Validation& validation, Notices& out) {
     out.push_back(make_notice(
         NoticeKind::held_out, {},
         "on data that it did not use this calibration is worse than its mounts alone: " + list,
-        "too many parameters are free for these data, or the arm's parameters take up a mistake",
-        "use the result for its mounts at most, leave groups out (`no_group`), and look for "
-        "mistakes (`check`)"));
+        "too many parameters are estimated for these data, or the arm's parameters absorb a "
+        "mistake",
+        "use only the mounts of the result, leave groups out (`no_group`), and look for mistakes "
+        "(`check`)"));
 }
 
 }  // namespace kincal

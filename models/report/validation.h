@@ -29,7 +29,8 @@ struct Validation {
   }
 };
 
-/// Measures what is required; the frames of `validation` must contain that of the requirement.
+/// Measures the required quantities; the frames of `validation` must contain that of the
+/// requirement.
 Judgement judge_requirement(const Requirement& requirement, const Validation& validation,
                             const std::vector<SensorResult>& sensors, double chi2_per_dof);
 

@@ -61,7 +61,7 @@ std::string uneven(const Report& report) {
   if (!apart.empty()) return "far larger residuals than the others have " + listed(apart);
   if (few_are_far(report)) return "a few points have far larger residuals than the others";
   if (neighbours_err_alike(report.solution, report.residuals))
-    return "neighbouring points err alike";
+    return "errors of neighbouring points are correlated";
   return "";
 }
 
@@ -106,7 +106,7 @@ std::vector<std::string> undetermined(const Report& report) {
 }
 
 std::string size_words(const Solution& solution) {
-  if (!(solution.dof_data > 0)) return "converged; nothing is left over to judge it by";
+  if (!(solution.dof_data > 0)) return "converged; no degrees of freedom are left to check the fit";
   return text("converged; residuals as large as the noise (chi2/dof %.3g)",
               solution.chi2_per_dof());
 }
@@ -154,41 +154,44 @@ std::optional<Notice> why_unexplained(const Report& report) {
   if (finding) {
     out.where = finding->where;
     out.cause = finding->kind;
-    out.why = std::string("a mistake is likelier than noise stated too small: ") +
-              id(finding->kind) + ": " + finding->what;
+    out.why = std::string("a mistake is likelier than an understated noise: ") + id(finding->kind) +
+              ": " + finding->what;
     out.cure = "undo it and calibrate again: " + finding->cure;
     return out;
   }
   const std::string unlike = uneven(report);
   if (unlike.empty() && misfit > kNoNoise) {
     out.why = text(
-        "errors are %.0f times the noise that the rig states, evenly over samples and "
-        "sensors, and none of the usual mistakes is why",
+        "errors are %.0f times the noise stated in the rig, evenly over samples and sensors, and "
+        "none of the usual mistakes explains them",
         std::sqrt(misfit));
     out.cure =
-        "look for a mistake that is in all samples alike: axes, units, which frame in "
-        "which, the order of coordinates";
+        "look for a mistake that is the same in all samples: axes, units, inverted poses, the "
+        "order of coordinates";
     out.otherwise = "or for a sigma in another unit (seen: " + sigmas_seen(report, misfit) + ")";
   } else if (unlike.empty()) {
     out.why =
-        "noise stated too small is likelier than a mistake: the residuals are spread evenly "
-        "over samples and sensors";
-    out.cure = "have the noise estimated (`estimate_noise`)";
+        "an understated noise is likelier than a mistake: the residuals are spread evenly over "
+        "samples and sensors";
+    out.cure = "let the noise be estimated (`estimate_noise`)";
     out.otherwise = "or state " + sigmas_seen(report, misfit);
   } else if (report.diagnosis && !report.diagnosis->readings.empty()) {
     out.why = "it is not the noise of the sensors (" + unlike +
               "), and none of the usual mistakes. " + report.diagnosis->readings;
     if (out.why.back() == '.') out.why.pop_back();
-    out.cure = "state the noise of the joint readings in the rig (joints), if they can be that bad";
+    out.cure = "state the noise of the joint readings in the rig (joints), if it can be that large";
     out.otherwise =
-        "else free more of the robot's geometry (lengths, gears), or find what is loose or bends";
+        "otherwise estimate more of the robot's geometry (lengths, gears), or find loose or "
+        "bending parts";
   } else {
-    out.why = "a mistake is likelier than noise stated too small (" + unlike +
+    out.why = "a mistake is likelier than an understated noise (" + unlike +
               "), but it is none of the usual ones";
-    out.cure = "look at what fits worst, and calibrate without it, before more is freed";
+    out.cure =
+        "check the part that fits worst, and calibrate without it, before more parameters are "
+        "estimated";
     out.otherwise =
-        "what may be wrong of it: its link, its target, units, readings that are late, a sigma "
-        "stated too small";
+        "possible mistakes there: its link, its target, units, late readings, a sigma stated too "
+        "small";
   }
   return out;
 }
@@ -215,7 +218,7 @@ Verdict decided_by(const char* use, const Notice& n) {
   for (const std::string* step : {&n.cure, &n.otherwise})
     if (!step->empty()) out.next.push_back(*step);
   if (!n.why.empty()) out.reasons = {n.why};
-  if (is_mistake(n.kind)) out.reasons.emplace_back("the result may have taken it up");
+  if (is_mistake(n.kind)) out.reasons.emplace_back("the result may have absorbed it");
   out.about = {n.kind};
   if (n.cause) out.about.push_back(*n.cause);
   return out;
@@ -224,7 +227,7 @@ Verdict decided_by(const char* use, const Notice& n) {
 /// A fault that a doubt explains is said behind that.
 Verdict no_because(const Notice& cause, const Notice& fault) {
   Verdict out = decided_by("no", cause);
-  out.reasons.push_back("only then does it count that " + fault.what);
+  out.reasons.push_back("only then consider that " + fault.what);
   return out;
 }
 
@@ -267,7 +270,7 @@ Verdict verdict(const Report& report) {
   } else if (const std::vector<std::string> open = undetermined(report); !open.empty()) {
     out = {"doubts",
            size_words(solution) + ", but not determined: " + listed(open),
-           {"record more varied postures, or free less"}};
+           {"record more varied postures, or estimate fewer parameters"}};
   } else {
     out.why = size_words(solution);
     const std::string own_errors = own_errors_words(report);
@@ -276,7 +279,8 @@ Verdict verdict(const Report& report) {
       if (!holds.empty()) out.reasons.push_back(holds);
     if (!own_errors.empty())
       out.next = {
-          "if zeros of the robot may be wrong, log its joint readings and calibrate with its URDF"};
+          "if zeros of the robot may be wrong, record its joint readings and calibrate with its "
+          "URDF"};
   }
   for (const Notice& w : report.warnings)
     if (!std::count(out.about.begin(), out.about.end(), w.kind)) out.see.push_back(w.kind);
@@ -284,7 +288,7 @@ Verdict verdict(const Report& report) {
   for (const Judgement& j : report.validation.requirements)
     if (!j.met) out.unmet.push_back(j.requirement.text);
   if (out.next.empty() && !out.unmet.empty())
-    out.next = {"use it where these tolerances need not hold: " + listed(out.unmet)};
+    out.next = {"use it only where these tolerances are not required: " + listed(out.unmet)};
   return out;
 }
 

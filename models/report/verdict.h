@@ -23,12 +23,12 @@ double data_misfit(const Report& report);
 /// Returns how many times larger than guessed noise came out that nobody states, squared: as
 /// chi2/dof would be with the guess; at least 1.
 double beyond_guess(const Report& report);
-/// Returns why the model does not explain the data, which of the two is likelier and what to do;
-/// nothing where it does, or where there is no solution to judge.
+/// Returns why the model does not explain the data, the likelier cause (mistake or noise) and the
+/// action; empty if it does explain them, or without a solution.
 std::optional<Notice> why_unexplained(const Report& report);
 /// Returns the verdict of a report that is otherwise complete: `no` if a warning is a fault or the
-/// run did not converge, `doubts` if a finding or warning is a doubt, else `good`. It speaks of the
-/// first of these, and of what explains it before it.
+/// run did not converge, `doubts` if a finding or warning is a doubt, else `good`. Its text gives
+/// the first of these, and before it the finding that explains it.
 Verdict verdict(const Report& report);
 
 }  // namespace kincal

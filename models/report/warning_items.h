@@ -40,16 +40,16 @@ inline void warn(NoticeKind kind, const std::string& plural, std::vector<Warning
   if (!cases.empty()) out.push_back(notice_of(kind, plural, std::move(cases), "", std::move(cure)));
 }
 
-/// Says of a warning of noise that it speaks of none: neighbouring points err alike.
+/// Says of a warning that its cause is not noise: errors of neighbouring points are correlated.
 inline void say_no_noise(Notice& warning) {
   warning.why =
-      "neighbouring points err alike, which is no noise: something is bent, turned, shifted "
-      "or of another size" +
+      "errors of neighbouring points are correlated, so this is not noise: something is bent, "
+      "turned, shifted or has a wrong size" +
       (warning.why.empty() ? "" : ". " + capital(warning.why));
-  warning.otherwise = "until that is found the sigmas of the result are too small";
+  warning.otherwise = "until the cause is found, the sigmas of the result are too small";
   warning.cure =
-      "look for what is not as the rig says: a board that is bent or of other sizes along its two "
-      "sides, a lens, a rolling shutter";
+      "look for a difference from the rig: a board that is bent or has two different spacings, "
+      "a lens, a rolling shutter";
 }
 
 }  // namespace kincal

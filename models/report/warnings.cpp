@@ -33,9 +33,9 @@ bool falls_short(double ratio, double dof) {
   return dof > 0 && ratio < 0.8 && chi2_deviate(ratio * dof, dof) < -4;
 }
 
-constexpr char kLookOrLeaveOut[] = "look at what was recorded there, or leave it out";
+constexpr char kLookOrLeaveOut[] = "check the samples recorded there, or leave them out";
 constexpr double kMostOfIt = 0.5;  // of the squares: one sample
-constexpr char kLookOrState[] = "look for what is wrong, or state the sigmas that are seen";
+constexpr char kLookOrState[] = "look for the mistake, or state the estimated sigmas";
 
 std::string excess_text(double ratio) {
   return text("chi2/dof is %.3g: the residuals are larger than the rig's sigmas allow", ratio);
@@ -74,15 +74,14 @@ void warn_of_starts(const Report& report, Notices& out) {
                   start.moved, start.turned * 180 / kPi) +
              (start.cost_per_dof > 0 ? text("from there chi2/dof ended at %.3g", start.cost_per_dof)
                                      : std::string("no calibration can start there")) +
-             ", so it was started where the data put it",
+             ", so it was started from the data",
          start.moved + start.turned});
   for (const AmbiguousStart& start : solution.ambiguous_starts)
-    ambiguous.push_back(
-        {Subject::parameter(start.first),
-         start.first + " and " + start.second +
-             text(" are absent from the rig, and several solutions fit the readings equally well "
-                  "(the next one is turned by %.3g degrees)",
-                  start.turned * 180 / kPi)});
+    ambiguous.push_back({Subject::parameter(start.first),
+                         start.first + " and " + start.second +
+                             text(" are missing in the rig, and several solutions fit the readings "
+                                  "equally well (the next one is turned by %.3g degrees)",
+                                  start.turned * 180 / kPi)});
   if (!identity.empty()) {
     out.push_back(notice_of(NoticeKind::identity, "poses start at the identity",
                             std::move(identity), "", std::move(cure_of_identity)));
@@ -90,7 +89,7 @@ void warn_of_starts(const Report& report, Notices& out) {
   }
   warn(NoticeKind::no_start, "poses have no start", std::move(lost), "", out);
   warn(NoticeKind::given_pose, "given poses contradict the data", std::move(contradicted),
-       "correct it in the rig, or leave it away", out);
+       "correct it in the rig, or delete it there", out);
   warn(NoticeKind::ambiguous_start, "pairs of poses are ambiguous", std::move(ambiguous),
        "give one of them a pose in the rig, or record more postures, as different as possible",
        out);
@@ -121,7 +120,7 @@ void warn_of_unfinished(const std::vector<Unfinished>& unfinished, Notices& out)
         u.column + (u.train ? " of the training samples" : " of the held-out samples");
     columns.push_back(
         {{Subject::Kind::part, column},
-         column + " is not final: what was estimated to judge them did not converge in " +
+         column + " is not final: their free targets or joint errors did not converge in " +
              count_text(u.samples.size(), "sample") + ", first '" + u.samples.front() + "'",
          static_cast<double>(u.samples.size())});
   }
@@ -136,7 +135,7 @@ void warn_of_steps(const Report& report, Notices& out) {
     Notice notice = make_notice(
         NoticeKind::not_converged, {{Subject::Kind::step, s.name}},
         "step '" + s.name + "' did not converge in " + std::to_string(s.iterations) + " iterations",
-        "", "free less, in more steps, or start nearer to the truth");
+        "", "estimate fewer parameters, use more steps, or start nearer to the truth");
     const auto because = [&](const Notice& cause) {
       notice.why = cause.what + (cause.why.empty() ? "" : ". " + capital(cause.why));
       notice.cure = cause.cure;
@@ -155,9 +154,9 @@ void warn_of_steps(const Report& report, Notices& out) {
     else if (has_redescending_loss(solution, s.name))
       notice.cure =
           "converge first with loss huber or none, in a step before this one: from a rough start "
-          "this loss leaves out what is right as well";
+          "this loss also rejects good data";
     else if (!report.outliers.empty())
-      notice.cure = "reject outliers (`reject`), or look at the samples named";
+      notice.cure = "reject outliers (`reject`), or check the samples named";
     if (solution.status != Status::not_converged) notice.severity = Severity::remark;
     out.push_back(std::move(notice));
     break;
@@ -183,7 +182,7 @@ void warn_of_directions(const Report& report, Notices& out) {
   const std::vector<WeakDirection>& weak = report.explanation.weak;
   out.push_back(notice_of(NoticeKind::unobservable, "directions are not determined",
                           std::move(directions), weak.empty() ? "" : weak[0].why,
-                          weak.empty() ? "hold one of these or give it a prior" : weak[0].cure));
+                          weak.empty() ? "fix one of these or give it a prior" : weak[0].cure));
   if (solution.status != Status::unobservable) out.back().severity = Severity::remark;
 }
 
@@ -207,8 +206,8 @@ void warn_of_chi2(const Report& report, Notices& out) {
   if (falls_short(ratio, solution.dof_data) &&
       solution.noise != NoiseMode::point)  // there it means nothing
     whole = text(
-        "chi2/dof is %.3g: the residuals are smaller than the sigmas of the rig say; the "
-        "sigmas of the result are too large",
+        "chi2/dof is %.3g: the residuals are smaller than the rig's sigmas predict; the sigmas of "
+        "the result are too large",
         ratio);
   std::vector<WarningItem> sensors;
   for (const SensorResult& s : report.residuals.sensors) {
@@ -234,13 +233,13 @@ void warn_of_chi2(const Report& report, Notices& out) {
   }
   if (exceeded)
     notice.why = text(
-                     "sigmas of the result take the noise as stated: they are %.2g times too small "
-                     "and more",
+                     "sigmas of the result use the stated noise: they are too small by a factor of "
+                     "at least %.2g",
                      std::sqrt(ratio)) +
                  (notice.why.empty() ? "" : ". " + capital(notice.why));
   notice.cure = larger ? kLookOrState
-                       : "state the sigmas that are seen (`estimate_noise`), or leave it at that: "
-                         "the errors are smaller than the sigmas say";
+                       : "state the estimated sigmas (`estimate_noise`), or leave them: the errors "
+                         "are smaller than the sigmas predict";
   if (larger && neighbours_err_alike(solution, report.residuals)) say_no_noise(notice);
   out.push_back(std::move(notice));
 }
@@ -283,7 +282,7 @@ void warn_of_joint_errors(const Solution& solution, Notices& out) {
          std::abs(x.second.worst)});
   }
   warn(NoticeKind::joint_error, text("joints have errors above %.2g sigmas", limit),
-       std::move(joints), "look at these samples, or state more noise of these joints", out);
+       std::move(joints), "check these samples, or state a larger noise of these joints", out);
 }
 
 void warn_of_joint_noise(const Report& report, Notices& out) {
@@ -303,15 +302,15 @@ void warn_of_joint_noise(const Report& report, Notices& out) {
                     ")");
   }
   if (names.empty()) return;
-  out.push_back(make_notice(
-      NoticeKind::joint_noise, subjects(Subject::Kind::joint, names),
-      count_text(names.size(), "joint") +
-          " at least three times noisier than stated: " + listed(words, kShown),
-      "if they are that good, the model lacks something of them (a gear, play) and the sigmas of "
-      "the result are too small",
-      "state the noise that is seen, or have it estimated (`estimate_noise`), if the joints are "
-      "that noisy"));
-  out.back().otherwise = "else look for what the model lacks of them: a gear, play, bending";
+  out.push_back(
+      make_notice(NoticeKind::joint_noise, subjects(Subject::Kind::joint, names),
+                  count_text(names.size(), "joint") +
+                      " at least three times noisier than stated: " + listed(words, kShown),
+                  "if the stated noise is right, the model lacks an effect of these joints (a "
+                  "gear, play) and the sigmas of the result are too small",
+                  "state the estimated noise, or let it be estimated (`estimate_noise`), if the "
+                  "joints are that noisy"));
+  out.back().otherwise = "otherwise look for effects that the model lacks: a gear, play, bending";
 }
 
 /// Returns how far a joint is from scale * reading + offset at most, in the samples (rad or m).
@@ -350,8 +349,8 @@ std::string bending_words(const Report& report) {
     names.push_back(quoted(solution.rig().tree.joints[j].name));
   if (!names.empty())
     out += "; joint " + listed(names, kShown) +
-           " turns against the load: that goes with the load, but is no elasticity (servos that "
-           "compensate, springs)";
+           " turns against the load: this depends on the load but is not elasticity (compensating "
+           "servos, springs)";
   return out;
 }
 
@@ -366,8 +365,8 @@ void warn_of_joint_models(const Report& report, Notices& out) {
     for (const SensorResult& s : report.residuals.sensors) {
       const SplitStatistics& errors = s.test.points > 0 ? s.test : s.train;
       bent.push_back({Subject::sensor(s.name),
-                      "joints bend or have error curves, which no URDF can hold: with robot.urdf "
-                      "alone sensor '" +
+                      "joints bend or have error curves, which a URDF cannot express: with "
+                      "robot.urdf alone sensor '" +
                           s.name + "' errs by " + shown_text(errors.rms_uncorrected, s.unit) +
                           ", with rig.yaml, which has them, by " +
                           shown_text(errors.rms_as_read, s.unit),
@@ -411,7 +410,7 @@ void warn_of_misfits(NoticeKind kind, Subject::Kind of, const std::vector<Misfit
   out.push_back(make_notice(
       kind, std::move(where),
       count_text(found.size(), of == Subject::Kind::view ? "view" : "sample") +
-          " with residuals or joint errors far beyond what is usual here: " + listed(words, kShown),
+          " with residuals or joint errors far larger than usual here: " + listed(words, kShown),
       "", kLookOrLeaveOut));
 }
 
@@ -451,26 +450,24 @@ void warn_of_widths(const Report& report, Notices& out) {
     if (is_unusual(group))
       wide.push_back({{Subject::Kind::group, group.name},
                       "parameters of group '" + group.name +
-                          text("' are off by %.0f times as much as usual", group.factor),
+                          text("' are off by %.0f times the usual amount", group.factor),
                       group.factor});
   if (!wide.empty()) {
-    out.push_back(notice_of(
-        NoticeKind::width, "groups are much worse than usual", std::move(wide),
-        "they may take up a mistake in the rig or the data",
-        "compare what the rig says of these parameters with the robot, and the readings with its "
-        "own display"));
+    out.push_back(notice_of(NoticeKind::width, "groups are much worse than usual", std::move(wide),
+                            "they may absorb a mistake in the rig or the data",
+                            "compare the rig's values of these parameters with the robot, and the "
+                            "readings with the robot's display"));
     out.back().otherwise = "and look for the usual mistakes (`check`)";
   }
   for (const OtherModel* gears : told_models(report.other_models, NoticeKind::gears))
     if (!report.unexplained)
-      out.push_back(make_notice(
-          NoticeKind::gears, {},
-          text("the data speak for other gear ratios than stated (log evidence %.0f), which were "
-               "not estimated",
-               gears->value),
-          "predicted errors may be too small",
-          "have them estimated (`group` gears), unless a board that is not as drawn or repeated "
-          "readings look like them"));
+      out.push_back(make_notice(NoticeKind::gears, {},
+                                text("the data give evidence for wrong gear ratios (log evidence "
+                                     "%.0f), which were not estimated",
+                                     gears->value),
+                                "predicted errors may be too small",
+                                "estimate them (`group` gears), unless an inaccurate board or "
+                                "repeated readings cause the same effect"));
 }
 
 void warn_of_minima(const Restarts& restarts, Notices& out) {
@@ -488,11 +485,11 @@ void warn_of_minima(const Restarts& restarts, Notices& out) {
       NoticeKind::minima, std::move(differing),
       std::to_string(m.count) + " of " + std::to_string(restarts.count) + " restarts end in " +
           (same_cost(m.cost, minima[0].cost)
-               ? "another minimum that is as good as this result"
+               ? "another minimum with the same cost as this result"
                : text("a better minimum: cost %.8g, this result has %.8g", m.cost,
                       minima[0].cost)) +
           ". Most different: " + names,
-      "the result is the one that the rig's own values lead to",
+      "this result was reached from the rig's own values",
       "give better starting values for these, or record more varied postures"));
 }
 
@@ -579,14 +576,14 @@ Notices warnings(const Evaluation& evaluation) {
     out.push_back(std::move(excess));
   }
   for (const std::string& name : evaluation.open)
-    open.push_back({Subject::parameter(name),
-                    name + " is absent from the rig: it was estimated from the samples of each "
-                           "split"});
-  warn(NoticeKind::open_pose, "poses are absent from the rig", std::move(open), "", out);
+    open.push_back(
+        {Subject::parameter(name),
+         name + " is missing in the rig: it was estimated from the samples of each split"});
+  warn(NoticeKind::open_pose, "poses are missing in the rig", std::move(open), "", out);
   std::string useless;
   for (const std::string& pattern : evaluation.without_effect)
     useless += (useless.empty() ? "" : "; ") + ("`free` '" + pattern) +
-               "' changes nothing: no measurement depends on it";
+               "' has no effect: no measurement depends on it";
   if (!useless.empty())
     out.push_back(make_notice(NoticeKind::no_effect,
                               subjects(Subject::Kind::parameter, evaluation.without_effect),

@@ -8,18 +8,18 @@
 
 namespace kincal {
 
-/// Widths that came out larger than those they began with by this factor, two spreads of what is
-/// assumed of them, are unusual.
+/// A width that is larger than its initial value by this factor (two spreads of the assumed width)
+/// is unusual.
 constexpr double kUnusualWidth = 9;
 
-/// Returns whether a group came out so much worse than usual that it may take up a mistake. (What
-/// is usual of compliances nobody knows where the loads are those of rods of 1 kg.)
+/// Returns whether a group came out far worse than usual, so that it may absorb a mistake. (Usual
+/// compliances are known only for loads unlike those of rods of 1 kg.)
 inline bool is_unusual(const AutomaticGroup& group) {
   return !group.held && group.factor > kUnusualWidth && !is_bending(group.name);
 }
 
-/// Both return one warning of a kind, what matters most first; where a step did not converge only
-/// that and its first likely cause, of which everything else may come.
+/// Both return one warning of each kind, the most important first. If a step did not converge they
+/// return only that warning and its first likely cause, because everything else may follow from it.
 Notices warnings(const Report& report);
 Notices warnings(const Evaluation& evaluation);
 

@@ -20,13 +20,14 @@ void find_wrong_length(std::set<std::string> sizes, Report& report) {
   Notice both = make_notice(
       NoticeKind::link_length, {Subject::joint(joint)},
       "either " + length + text(" is off by %.1f mm in the URDF", 1e3 * model->value) +
-          ", alone among the lengths of the arm, or " + listed({sizes.begin(), sizes.end()}) +
-          text(" is wrong in the rig: both explain the data alike (log odds of the length %+.2g)",
+          ", only this length of the arm, or " + listed({sizes.begin(), sizes.end()}) +
+          text(" is wrong in the rig: both explain the data equally well (log odds of the length "
+               "%+.2g)",
                model->log_odds),
       "board and arm have one scale",
       "measure the board over several squares with a ruler, and how far joint " + quoted(joint) +
-          " is from the joint before it; correct the one that is wrong, in the URDF or in the rig. "
-          "Where the board is right, hold " +
+          " is from the joint before it; correct the wrong one, in the URDF or in the rig. If the "
+          "board is right, fix " +
           *sizes.begin());
   for (const std::string& size : sizes)
     both.where.push_back({Subject::Kind::part, size.substr(size.find('/') + 1)});

@@ -20,7 +20,7 @@ namespace kincal {
 class Configuration {
  public:
   /// `readings` are by joint index, in rad or m. NaN means absent, which is an error only where the
-  /// joint is asked for.
+  /// joint is queried.
   Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                 const std::vector<double>& readings)
       : rig_(&rig), table_(&table), values_(&values), readings_(&readings) {
@@ -103,7 +103,7 @@ std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
 /// those that place one relative to the other. A joint that carries both cancels, but for a sensor
 /// whose own scanning joint carries both: their readings of that differ.
 std::vector<int> view_readings(const Rig& rig, int sensor, int target);
-/// Returns readings with 0 in place of those that are absent, for what does not depend on them.
+/// Returns readings with 0 in place of absent ones, for computations that do not depend on them.
 std::vector<double> completed(std::vector<double> readings);
 /// Returns whether there is a reading of every joint that places `link` relative to the base.
 bool has_readings(const Rig& rig, int link, const std::vector<double>& readings);

@@ -26,7 +26,7 @@
 
 namespace kincal {
 
-/// Blocks are what is held out together.
+/// Blocks are the units of data that are held out together.
 struct Blocks {
   std::vector<int> of;             // by sample
   std::vector<std::string> names;  // by block: the sample's id, or the target's name

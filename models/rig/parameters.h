@@ -46,8 +46,8 @@ struct Parameter {
       -1;  // of a pose: the joint's origin (the rig's `mount`), or the pose of another
            // sensor, that is calibrated in its place, so that no name or glob means it
 
-  /// True for the numbers of what carries a floating joint's pose: they are no unknowns, and no
-  /// name or glob means them.
+  /// True for the components of a floating joint's pose: they are not unknowns, and no name or
+  /// pattern matches them.
   bool hidden() const { return name.empty(); }
   int size() const { return static_cast<int>(components.size()); }
   std::string component_name(int c) const {
@@ -117,8 +117,8 @@ struct ParameterTable {
 /// Returns the rig's initial values of the numbers of a joint's model beyond offset and scale.
 std::vector<double> further_values(const JointSettings& joint);
 
-/// Returns the block of a sensor's own numbers that is intrinsics, distortion or baseline; null if
-/// it has none.
+/// Returns the block of a sensor's own parameters that is intrinsics, distortion or baseline; null
+/// if it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
 /// Returns the rig with its nominal values in place, and none left.

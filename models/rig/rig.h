@@ -89,8 +89,9 @@ struct Step {
   std::vector<PriorSetting> priors;
 };
 
-/// An Elasticity says how joints bend under the weight of what they carry (kinematics/bending.h).
-/// Numbers stand by joint, zero where one does not bend or carries nothing that moves.
+/// An Elasticity gives the bending of joints under the weight that they carry
+/// (kinematics/bending.h). Values are by joint index, zero if a joint does not bend or carries
+/// nothing that moves.
 struct Elasticity {
   Vector3d gravity{0, 0, -9.81};  // m/s^2, seen from the base
   Matrix3d root_R_base = Matrix3d::Identity();

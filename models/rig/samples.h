@@ -15,7 +15,7 @@
 namespace kincal {
 
 /// A SharedList is a list that is the same in many views: copies share it until one of them is
-/// changed. (Of a hundred thousand samples the lists take more memory than what was measured.)
+/// changed. (With a hundred thousand samples the lists need more memory than the measurements.)
 template <typename T>
 class SharedList {
  public:

@@ -77,7 +77,7 @@ std::vector<Freed> ParameterTable::select_geometry(const std::string& pattern,
     throw std::invalid_argument(
         where + ": '" + pattern +
         "' has no number of its own: fewer than two joints move between these links, " +
-        "and the poses of what stands at its ends hold the rest");
+        "and the poses at its ends determine the rest");
   return out;
 }
 

@@ -49,9 +49,9 @@ const Freed* find_freed(const std::vector<Freed>& free, int parameter);
 /// Frees a whole parameter.
 Freed whole(const ParameterTable& table, int parameter);
 
-/// Returns the poses that a rig leaves open: absent from it, of a sensor or mounted target, and
-/// wholly freed without a prior by one of its steps. Of a rig without steps every absent pose is
-/// open. (Any other absent pose is the identity.)
+/// Returns the poses of sensors and mounted targets without a value in the rig that one of its
+/// steps estimates completely and without a prior. If the rig has no steps, every absent pose is
+/// such a pose. (Any other absent pose is the identity.)
 std::vector<int> open_poses(const Rig& rig, const ParameterTable& table);
 /// Takes the steps out of a rig; an absent pose that is not open is the identity from then on.
 void clear_steps(Rig& rig);

@@ -131,7 +131,8 @@ class SensorModel {
   virtual bool evaluate(const ViewInput& view, const Columns& columns, double* r,
                         Eigen::Ref<RowMatrix>* L) const = 0;
 
-  /// True if the own noise depends on what is seen: block i has the covariance B diag(sigma^2) B'.
+  /// True if the sensor's own noise depends on the predicted view: block i has the covariance B
+  /// diag(sigma^2) B'.
   virtual bool has_own_noise() const { return false; }
   /// True if the own noise depends on where the target is; else, of a scanning sensor, only on what
   /// moves the sensor's side of its joint, and on the joint's numbers.

@@ -49,10 +49,9 @@ Cleaned fit_all(const std::shared_ptr<const Recording>& recording,
 Cleaned fit_without_outliers(const std::shared_ptr<const Recording>& recording,
                              const CalibrationOptions& options);
 
-/// Calibrates the training samples from the rig's values as often as there are folds, each time
-/// without one fold, and judges it on that fold. Samples that are held out already take no part.
-/// nullopt: cancelled.
-/// @throws std::invalid_argument as deal_folds.
+/// Calibrates the training samples once per fold from the rig's values, each time without one fold,
+/// and tests the result on that fold. Samples that are already held out are not used. nullopt:
+/// cancelled. @throws std::invalid_argument as deal_folds.
 std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Recording>& recording,
                                               const CalibrationOptions& options, int folds,
                                               const FoldFit& fit = fit_all,

@@ -521,7 +521,7 @@ LocalPosture posture_of(const Rig& rig, const Sample& sample) {
 
 LocalCalibration calibrate_locally(const Rig& given, const std::vector<Sample>& samples,
                                    const LocalPosture& posture, const LocalOptions& options) {
-  if (posture.empty()) throw std::invalid_argument("the posture names no joint");
+  if (posture.empty()) throw std::invalid_argument("the posture has no joint");
   for (const auto& [joint, at] : posture)  // named again: no binding is captured in C++17
     if (std::none_of(samples.begin(), samples.end(),
                      [j = joint](const Sample& s) { return !std::isnan(s.readings[j]); }))

@@ -76,7 +76,7 @@ struct LocalOptions {
 
 struct LocalOffset {
   int joint = -1;
-  /// rad, m: position = scale * reading + the rig's offset + this. NaN: unknown, for no sample
+  /// rad, m: position = scale * reading + the rig's offset + this. NaN: unknown, because no sample
   /// within the bandwidth depends on the joint; `sigma` and `variation` are NaN as well.
   double offset = 0;
   double sigma = 0;  // of the right offset at a posture near this one; NaN where no gain is claimed
@@ -106,9 +106,9 @@ struct LocalCalibration {
   double significance = 0;  // of the offsets, as a standard normal number
   std::vector<LocalOffset>
       offsets;  // in the order of joint indices, of joints that some view near depends on
-  /// Errors within the radius: rms_before and rotation_before are without, rms_as_read and
-  /// rotation_as_read with the offsets, readings exact, free targets estimated; training samples
-  /// are left out one by one. The other numbers are not set.
+  /// Errors within the radius: rms_before and rotation_before without the offsets, rms_as_read and
+  /// rotation_as_read with them; readings exact, free targets estimated; training samples are left
+  /// out one by one. The other members are not set.
   std::vector<SensorResult> sensors;
 };
 

@@ -106,7 +106,7 @@ Cleaned without_consensus(const std::shared_ptr<const Recording>& recording,
   Cleaned plain{
       uncancelled(calibrate(recording, options)), {}, "", indices(recording->samples.size())};
   plain.no_consensus = std::to_string(out) + " of " + std::to_string(of) +
-                       " samples do not fit the others: nothing was taken out";
+                       " samples do not fit the others: nothing was removed";
   if (plain.solution.status == Status::undefined_start)
     plain.solution.message =
         plain.no_consensus + ", and the plain fit cannot start: " + plain.solution.message;

@@ -23,15 +23,15 @@
 
 namespace kincal {
 
-/// A Rejected is a gross outlier that was taken out: points of a view, a view (no ids), a sample
-/// (no sensor and target).
+/// A Rejected is a gross outlier that was removed: points of a view, a view (no ids), a sample (no
+/// sensor and target).
 struct Rejected {
   std::string sample, sensor, target;
   std::vector<int> ids;
   std::string reason;
 };
 
-/// Cleaned is a calibration of what is left: its recording is that of the solution.
+/// Cleaned is a calibration of the remaining data: its recording is that of the solution.
 struct Cleaned {
   Solution solution;  // of status undefined_start where it, or a fit before it, cannot start
   std::vector<Rejected> rejected;
@@ -39,9 +39,9 @@ struct Cleaned {
   std::vector<int> kept;     // where each sample of the solution stands in the given recording
 };
 
-/// Calibrates without gross outliers. Where more than half of the training samples would be out
-/// there is no majority to trust, and nothing is taken out. nullopt: cancelled.
-/// @throws as calibrate(); std::invalid_argument where what is left frees nothing.
+/// Calibrates without gross outliers. If more than half of the training samples would be removed
+/// there is no majority to trust, and nothing is removed. nullopt: cancelled. @throws as
+/// calibrate(); std::invalid_argument if no parameter can be estimated from the remaining data.
 std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
                                                   const CalibrationOptions& options);
 

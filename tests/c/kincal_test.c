@@ -532,7 +532,7 @@ static void test_wrong_samples(const kincal_result* result) {
   REFUSED(n.view.sensor = 1, "views[0].sensor", "no sensor 1");
   REFUSED(n.view.target = -1, "views[0].target", "no target -1");
   REFUSED(n.ids[2] = 35, "views[0].ids", "'board' has no point 35");
-  REFUSED(n.ids[2] = n.ids[1], "views[0].ids", "stands twice");
+  REFUSED(n.ids[2] = n.ids[1], "views[0].ids", "occurs twice");
   REFUSED(n.view.ids_count = 0, "views[0].ids", "at least one point");
   REFUSED(--n.view.z_count, "views[0].z", "numbers are expected");
   REFUSED(n.pixels[5] = NAN, "views[0].z", "not finite");

@@ -159,7 +159,7 @@ class Init(Program):
         out, found, warned = result("--report-frame", "l4")
         self.assertIn("Beside simpler calibrations (rms as read, held out", out)
         self.assertNotIn("rig as it is", out)
-        self.assertRegex(out, r"numbers that the data do not tell \(.*\) count with the width of their group, learned from its other members: an assumption")
+        self.assertRegex(out, r"parameters that the data do not determine \(.*\) count with the prior width of their group, learned from its other members: an assumption")
         self.assertEqual(found["from"], "test")
         self.assertEqual([row["unit"] for row in found["rows"]], ["m", "rad"])
         self.assertEqual(list(found["rows"][0]), ["sensor", "unit", "points", "blocks", "by", "mounts", "automatic", "ratio", "ratio_95", "worse"])
@@ -199,10 +199,10 @@ class Init(Program):
             "joint/j2/offset": 0.01, "sensor/pose/pose": [1, 0.5, 0.2, 0.3, 0, 1], "target/points/pose": [0.1, 0, 0.05, 0, 0.2, 0]}}))
         self.kincal("simulate", "rig.yaml", "--samples", "30", "--seed", "1", "--truth", truth, "--out", "sim")
         out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--dry-run")
-        self.assertIn("everything below is free", out)
+        self.assertIn("everything below is estimated", out)
         self.assertIn("angles/j1..s3", out)
         out, _ = self.kincal("calibrate", "rig.yaml", "sim/samples.jsonl", "--out", "out", "--tables")
-        self.assertIn("What could be wrong", out)
+        self.assertIn("Groups of parameters that may be wrong", out)
         result = json.loads(self.read("out", "result.json"))
         self.assertLess(abs(result["sensors"]["pose"]["train"]["rms"]), 0.002)
         self.assertIn("offsets", self.estimated(result))
@@ -256,7 +256,7 @@ class Init(Program):
                 (["--sensor", "camera:tool", "--image-size", "640"] + target, ["--image-size"]),
                 (["--sensor", "camera:tool", "--intrinsics", "1,2,3"] + target, ["--intrinsics"]),
                 (["--sensor", "tilting_laser:base"] + target, ["nothing tilts"]),
-                (sensor + ["--sensor", "point:tool:point", "--sensor", "point:l1:point"] + target, ["'point' stands twice"]),
+                (sensor + ["--sensor", "point:tool:point", "--sensor", "point:l1:point"] + target, ["'point' occurs twice"]),
                 (sensor + ["--target", "chesboard:3x3:1"], ["nearest: chessboard", "apriltag_grid"]),
                 (sensor + ["--target", "chessboard:3x3"], ["ROWSxCOLUMNS:SQUARE"]),
                 (sensor + ["--target", "chessboard:3:0.1"], ["such as 8x11"]),
@@ -398,7 +398,7 @@ sensors:
         self.assertEqual(result["verdict"]["use"], "doubts")
         told = [w["text"] for w in result["warnings"] if w["id"] == "gears"]
         self.assertEqual(len(told), 1)
-        self.assertIn("have them estimated (--group gears)", told[0])
+        self.assertIn("estimate them (--group gears)", told[0])
         self.assertNotIn("gears", [w["id"] for w in self.estimated(gears, options=("--group", "gears"))["warnings"]])
         self.assertNotIn("gears", [w["id"] for w in self.estimated(self.OFFSETS)["warnings"]])
 
@@ -414,7 +414,7 @@ sensors:
         samples = os.path.join(self.dir, self.simulate(1))
         (finding,) = self.automatic(self.path("rig.yaml"), samples)["findings"]
         self.assertEqual((finding["id"], finding["where"]), ("gear", ["j4"]))
-        self.assertRegex(finding["text"], r"its gear ratio or encoder count is (2\.9|3|3\.1) % off")
+        self.assertRegex(finding["text"], r"its gear ratio or encoder count is wrong by (2\.9|3|3\.1) %")
         result = self.automatic(self.path("rig.yaml"), samples, options=("--group", "gears"))
         p = result["parameters"]["joint/j4/scale"]
         self.assertLess(abs(p["value"][0] - 1.03), 4 * p["sigma"][0])

@@ -278,7 +278,7 @@ class Kinds(Recorded):
             self.skipTest("kincal-bags-without-images is not built")
         self.record_arm("a.bag")
         said = self.run_it("a.bag", "--rig", "rig.yaml", "--out", "bare.jsonl", "--quiet", program=bare)
-        self.assertIn("images are in bare.jsonl.images: this program was built without what searches them; `kincal detect`", said)
+        self.assertIn("images are in bare.jsonl.images: this program was built without target detection; run `kincal detect` on the samples", said)
         self.assertEqual(len(os.listdir(self.path("bare.jsonl.images"))), 4)
         self.assertTrue(all("pixels" not in v for s in self.samples("bare.jsonl") for v in s["views"]))
         self.run_it("detect", "rig.yaml", "bare.jsonl", "--out", "found.jsonl", "--quiet")

@@ -131,7 +131,7 @@ class Bags(helpers.Folder):
         path = self.write("a.bag", bag(self.topics, self.messages))
         p = run(path, "--rig", self.rig, "--out", self.path("samples.jsonl"))
         self.assertEqual(p.returncode, 0, p.stderr)
-        self.assertIn("camera 'eye' of the recording is no sensor of the rig (left, right): write `topic: eye`", p.stderr)
+        self.assertIn("camera 'eye' of the recording is not a sensor of the rig (left, right): write `topic: eye`", p.stderr)
         few = self.write("few.bag", bag(self.topics, [(0, 1, measurement("s", {}, PIXELS[:3]))]))
         self.write("rig.yaml", RIG % ", topic: eye")
         p = run(few, "--rig", self.rig, "--out", self.path("few.jsonl"))
@@ -202,7 +202,7 @@ class Bags(helpers.Folder):
                 p = run(path, "--rig", self.rig, *arguments)
                 self.assertEqual(p.returncode, 0 if "--list" in arguments else 1, p.stderr)
                 self.assertIn("%s is compressed video (%s), which is not read" % (name, said), p.stdout + p.stderr)
-                self.assertIn("Record raw, PNG or JPEG images; or make pictures of the video", p.stdout + p.stderr)
+                self.assertIn("Record raw, PNG or JPEG images; or extract images of the video", p.stdout + p.stderr)
 
     def test_damaged(self):
         """What is whole becomes samples; what is lost is said; nothing at all is exit code 1."""

@@ -349,7 +349,7 @@ def strict_json(text):
 
     def pairs(p):
         keys = [k for k, _ in p]
-        assert len(set(keys)) == len(keys), "a key stands twice"
+        assert len(set(keys)) == len(keys), "a key occurs twice"
         return dict(p)
     return json.loads(text, parse_constant=refuse, object_pairs_hook=pairs)
 
@@ -472,7 +472,7 @@ class WrongRig(Case):
         self.write("rig.yaml", text)
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: the automatic path (automatic_test.py)
         self.assertEqual(run.code, 0, run.err)
-        self.assertIn("everything below is free", run.out)
+        self.assertIn("everything below is estimated", run.out)
         for option in ("--free", "--fix"):  # as the real run
             run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", option, "sensor/trackr/pose")
             self.fails(run, option, ("sensor/trackr/pose", "matches no parameter"), ("sensor/tracker/pose",))
@@ -649,7 +649,7 @@ class WrongKinds(Case):
             self.other(command, name, *words)
         self.assertEqual(self.calibrate().code, 0)
         self.extra = {"out"}
-        self.other("apply robot.urdf NAME --out x", "out", "a directory, no URDF", "the result comes first")
+        self.other("apply robot.urdf NAME --out x", "out", "a directory, not a URDF", "the result is the first argument")
         self.other("evaluate rig.yaml NAME", "out/result.json", "a result.json, no samples")
 
     def test_samples_written_otherwise(self):
@@ -1299,7 +1299,7 @@ class Results(Case):
         self.assertIn("warning: --free 'joint/lift/offset' changes nothing", run.out)
         run = self.run_kincal("evaluate", "out/rig.yaml", "samples.jsonl", "--json", "--free", "joint/follower/origi*")
         self.assertEqual([w["id"] for w in strict_json(run.out)["warnings"]], ["chi2", "no_effect"])
-        self.assertIn("'joint/follower/origi*' changes nothing", run.err)
+        self.assertIn("'joint/follower/origi*' has no effect", run.err)
 
     def test_evaluate_free(self):
         """--free is estimated in each split by itself."""
@@ -1524,7 +1524,7 @@ class Results(Case):
         # the same by --free: listed and estimated
         self.write("rig.yaml", text.replace("target/plate/pose, target/spare/pose, joint", "target/plate/pose, joint"))
         run = self.calibrate("--free", "target/spare/pose", out="by_free")
-        self.assertEqual((run.code, "changes nothing" in run.out), (0, False), run.err)
+        self.assertEqual((run.code, "has no effect" in run.out), (0, False), run.err)
         self.assertEqual(self.result("by_free")["steps"][-1]["held_out"], ["target/spare/pose"])
         self.assertEqual(self.result("by_free")["sensors"]["tracker"]["test"], r["sensors"]["tracker"]["test"])
         # held again by --fix: neither
@@ -1663,7 +1663,7 @@ class ExitCodes(Case):
             self.assertEqual(run.code == 3, "not converged: rms" in run.out)
             self.assertEqual(run.code == 3, "did not converge" in run.err)
             if run.code == 3:
-                self.assertRegex(run.out, r"not converged: rms\w* of (training|what is held out), in \d+ samples?, first '")
+                self.assertRegex(run.out, r"not converged: rms\w* of (training|held-out data), in \d+ samples?, first '")
                 return
         self.skipTest("everything converged")
 
@@ -1737,7 +1737,7 @@ class Simulate(Case):
         self.assertEqual(self.simulate("sim", "--spread", "*/pose=0.01").code, 0)
         run = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
         self.assertEqual(run.code, 0, run.err)
-        self.assertIn("sensor/tracker/pose is absent from the rig", run.err)
+        self.assertIn("sensor/tracker/pose is missing in the rig", run.err)
         self.write("rig.yaml", RIG)
         given = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
         self.assertLess(strict_json(run.out)["chi2"], strict_json(given.out)["chi2"])  # an estimate is no worse than where it is given

@@ -167,8 +167,8 @@ class Compensate(Folder):
         self.write("postures.csv", "a,b,c,d,e\n0,0,0,0,0\n")
         for arguments, said in ((["rig.yaml", "postures.csv", "--tip", "hand"], "postures.csv:2: there is no reading of joint 'f', which moves 'hand'"),
                                 (["rig.yaml", "postures.csv", "--tip", "hnd"], "--tip: there is no frame 'hnd'"),
-                                (["rig.yaml", "--tip", "hand"], "nothing is asked for"),
-                                (["rig.yaml", "postures.csv", "--tip", "hand", "--from", "hand"], "--from: 'hand' is nothing that stands still; one of sensor/tracker"),
+                                (["rig.yaml", "--tip", "hand"], "nothing to do"),
+                                (["rig.yaml", "postures.csv", "--tip", "hand", "--from", "hand"], "--from: 'hand' does not stand still; one of sensor/tracker"),
                                 (["nowhere", "postures.csv", "--tip", "hand"], "nowhere")):
             run = self.run_kincal("compensate", *arguments)
             self.assertEqual(run.returncode, 1, run.stderr)

@@ -93,7 +93,7 @@ class Curves(Folder):
         self.recorded("")
         result, text = self.calibrated("out", "--group", "curve/*")
         self.assertEqual([name for name in result["parameters"] if name.endswith("/curve")], [])
-        self.assertIn("the data do not speak for it", " ".join(text.split()) + json.dumps(result))
+        self.assertIn("the data give no evidence for it", " ".join(text.split()) + json.dumps(result))
 
 
 if __name__ == "__main__":

@@ -603,7 +603,7 @@ class Hrp2(Case):
                 moved = [w["text"] for w in r["warnings"] if "CARMINE_joint" in w["text"] and re.search(r"mov", w["text"])]
                 if sigma == "0.01":
                     self.assertTrue(0.05 < p["pose"]["xyz"][0] < 0.2)
-                    self.assertIn("smaller than the sigmas", warnings, "chi2/dof is 0.45")
+                    self.assertIn("smaller than the rig's sigmas", warnings, "chi2/dof is 0.45")
                     self.assertNotIn("larger than the rig's sigmas", warnings)
                 else:
                     self.assertTrue(moved, "a mount moved by %.2f m" % (p["pose"]["xyz"][0] - 0.093))

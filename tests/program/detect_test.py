@@ -185,7 +185,7 @@ class Detect(Case):
         self.write("joints.csv", b"image,j\nboth.pgm,0\nturned.pgm,1.57\nmore.pgm,1.5\none.pgm,-1.6\n")
         self.detect("rig.yaml", "images", "--out", "out.jsonl", "--joints", "joints.csv", "--force")
         self.assertEqual([s["id"] for s in self.samples()], ["both"])
-        self.assertIn("turned.pgm: near: NOT FOUND: a board is there of which it cannot be told whether it is this one", self.out)
+        self.assertIn("turned.pgm: near: NOT FOUND: there is a board that cannot be identified as this one", self.out)
 
     def test_equal_boards_that_nothing_tells_are_refused(self):
         self.equal_boards()
@@ -329,15 +329,15 @@ class Detect(Case):
         self.assertIn("99.pgm", self.out)
         self.write("images/frame_7.pgm", pgm(picture(*self.truth["a1"])))
         self.detect("rig.yaml", "images", "--out", "more.jsonl", "--joints", "joints.jsonl")
-        self.assertIn("frame_7.pgm': no joint readings in joints.jsonl, which goes by time: the image's name is no number", self.out)
+        self.assertIn("frame_7.pgm': no joint readings in joints.jsonl, which is matched by time: the image's name is not a number", self.out)
 
     def test_a_board_that_is_not_flat(self):
         self.detect("rig.yaml", "images", "--out", "out.jsonl")
-        self.assertNotIn("the board is bent", self.out)
+        self.assertNotIn("the board is warped", self.out)
         for name, where in self.truth.items():
             self.write("images/%s.pgm" % name, pgm(picture(*where, wave=1.5)))
         self.detect("rig.yaml", "images", "--out", "bent.jsonl")
-        self.assertRegex(self.out, r"target 'board': its points are [0-9.]+ px off a plane seen through a lens .*: the board is bent, or the lens strong")
+        self.assertRegex(self.out, r"target 'board': its points deviate by [0-9.]+ px from a plane seen through a lens .*: the board is warped, or the lens distorts strongly")
 
     def test_poses_of_a_flange(self):
         self.write("rig.yaml", RIG.replace("robot: robot.urdf", "robot: {base: base, flange: tip}").encode())

@@ -7,7 +7,8 @@ Proves: every command in a ```sh block ends with the exit status it states (0, o
 document run in order, in one scratch copy of examples/ with the program as build/release/kincal and as `kincal` on the PATH; so do
 the indented commands of the examples' README.md. Links between documents, and to their headings, lead somewhere; files of the
 project that they name exist. Options that the
-documents name and options that the program has are the same, warning ids likewise. The program of docs/adding-a-sensor.md compiles
+documents name are options of the program; docs/reference.md has all of them, all ids of warnings and mistakes, and is what
+scripts/reference prints. The program of docs/adding-a-sensor.md compiles
 against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. The README's C++ compiles. No document names
 a path of one machine.
 Does not prove: that shown output is today's (but for adding-a-sensor.md), nor that what the text says is right.
@@ -187,36 +188,53 @@ def check_paths(path, source):
 
 # ---------------------------------------------------------------- tables against the program
 def check_options(source, binary):
-    """Every --option in the documents is one that the program has, and every one it has stands in a document."""
+    """Every --option in the documents is one that the program has, and every one it has stands in docs/reference.md."""
     text = subprocess.run([binary, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
     for name in re.findall(r"^  ([a-z]+)  ", text.split("Subcommands:")[1], re.M):
         text += subprocess.run([binary, name, "--help"], stdout=subprocess.PIPE, check=True).stdout.decode()
     known = set(re.findall(r"--[a-z][a-z-]+", text))
     others = {"--preset", "--build", "--install", "--prefix", "--component", "--all", "--shots", "--missing", "--cflags", "--libs", "--renew"}  # CMake's, scripts/lint's, the page's test, pkg-config's, a test's
-    named = set()
+    reference = os.path.join(source, "docs", "reference.md")
+    listed = set()
     for path in documents(source):
         with open(path, encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
                 for option in re.findall(r"(?<![\w-])--[a-z][a-z-]+", line):
-                    named.add(option)
+                    if path == reference:
+                        listed.add(option)
                     if option not in known | others:
                         fail(f"{path}:{number}", f"the program has no option {option}")
-    for option in sorted(known - named):
-        fail(os.path.join(source, "docs", "formats.md"), f"the option {option} stands in no document")
+    for option in sorted(known - listed):
+        fail(reference, f"the option {option} is missing")
 
 
 def check_warnings(source):
-    """The warnings' ids in docs/formats.md are those of the table in models/notices."""
+    """The ids of warnings and mistakes in docs/reference.md are those of the table in models/notices."""
     with open(os.path.join(source, "models", "notices", "notice.cpp"), encoding="utf-8") as file:
         table = re.findall(r'\{NK::\w+,\s*"([a-z_0-9-]+)"', file.read())
-    ids = set(table[table.index("not_converged"):])
-    path = os.path.join(source, "docs", "formats.md")
+    first = table.index("not_converged")
+    path = os.path.join(source, "docs", "reference.md")
     with open(path, encoding="utf-8") as file:
-        section = file.read().split("### Warnings")[1].split("\n## ")[0]
-    listed = set(re.findall(r"`([a-z_0-9]+)`", "\n".join(line.split("|")[1] for line in section.splitlines() if line.startswith("|"))))
-    listed.discard("id")
-    if ids != listed:
-        fail(path, f"warnings: only in the code {sorted(ids - listed)}, only in the document {sorted(listed - ids)}")
+        text = file.read()
+    for title, ids in (("Warnings", table[first:]), ("Mistakes", table[:first])):
+        section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
+        listed = re.findall(r"^\| `([a-z_0-9-]+)` \|", section, re.M)
+        if sorted(ids) != sorted(listed):
+            fail(path, f"{title}: only in the code {sorted(set(ids) - set(listed))}, only in the document {sorted(set(listed) - set(ids))}")
+
+
+def check_reference(source, binary):
+    """docs/reference.md is what scripts/reference prints of this program."""
+    path = os.path.join(source, "docs", "reference.md")
+    done = subprocess.run([sys.executable, os.path.join(source, "scripts", "reference"), binary], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    with open(path, encoding="utf-8") as file:
+        page = file.read()
+    if done.returncode:
+        fail(path, f"scripts/reference ends with {done.returncode}: {done.stdout}")
+    elif done.stdout != page:
+        lines = zip(done.stdout.splitlines() + [""], page.splitlines() + [""])
+        number, now = next(((n, a) for n, (a, b) in enumerate(lines, 1) if a != b), (0, ""))
+        fail(f"{path}:{number}", f"scripts/reference prints another page today (scripts/reference PROGRAM > docs/reference.md); there: {now}")
 
 
 # ---------------------------------------------------------------- the sensor of adding-a-sensor.md
@@ -342,6 +360,7 @@ def main():
         links += check_links(example, source)
     check_options(source, binary)
     check_warnings(source)
+    check_reference(source, binary)
     compiled = f"{check_snippet(source, binary)}, {check_sensor(source, binary)}, {check_on_board(source, binary)}"
     for line in failures:
         print(line)

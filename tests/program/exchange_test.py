@@ -359,13 +359,13 @@ class Mounts(Case):
     def test_wrong(self):
         base = ["export", "rig.yaml", "--as", "urdf"]
         self.fails([*base, "--child", "camera_link", "--known", "0 0 0 0 0 0"], "--child is about one sensor", "left, right")
-        self.fails([*base, "--sensor", "left", "--child", "camera_link"], "'camera_link' is no link", "--known")
+        self.fails([*base, "--sensor", "left", "--child", "camera_link"], "'camera_link' is not a link", "--known")
         self.fails([*base, "--sensor", "left", "--child", "optica"], "nearest: optical")
         self.fails([*base, "--sensor", "left", "--child", "optical", "--known", "0 0 0"], "--known", "'0 0 0'")
         self.fails([*base, "--sensor", "left", "--child", "a", "--known", "0 0 0 1 1 0 0"], "--known", "length")
         self.fails([*base, "--sensor", "left", "--child", "tool"], "'tool'", "moves")
         self.fails([*base, "--sensor", "left", "--child", "base", "--known", "0 0 0 0 0 0"], "root")
-        self.fails([*base, "--sensor", "left", "--known", "0 0 0 0 0 0"], "--child", "missing")
+        self.fails([*base, "--sensor", "left", "--known", "0 0 0 0 0 0"], "--known needs --child")
         self.fails([*base, "--sensor", "stereo", "--child", "a", "--known", "0 0 0 0 0 0"], "sensors.stereo", "kincal calibrate")
         self.fails(["export", "rig.yaml", "--as", "kalibr", "--child", "a"], "--child", "static_transforms, urdf, xacro, poses")
 
@@ -430,7 +430,7 @@ class Import(Case):
         self.write("rig.yaml", RIG.replace("sensors:\n", "sensors: {one: {type: camera, link: optical, model: pinhole, intrinsics: [1, 1, 0, 0], sigma: 1}}\n#")
                    .split("#  # the first")[0])
         run = self.good("import", "c.yaml", "--rig", "rig.yaml", "--out", "new.yaml", "--force")
-        self.assertIn("comments could not be kept", run.stderr)
+        self.assertIn("its comments are lost", run.stderr)
         self.same_camera(self.sensor("new.yaml", "one"), yaml.safe_load(RIG)["sensors"]["right"])
 
     def test_another_folder(self):
@@ -871,7 +871,7 @@ class Poses(Case):
                 ("0,0,0,1,zero,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'zero'")),
                 ("0,0,0,1,nan,0\n", ["--pose-format", "rotvec"], ("p.csv:1: ry", "'nan'")),
                 ("0,1;0,2;0,3;0,5;0,5;1,0,5\n", ["--pose-format", "rotvec"], ("p.csv:1: rz", "'1,0,5'", "write a point")),
-                ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "another order")),
+                ("1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1\n", ["--pose-format", "matrix"], ("p.csv:1", "rigid motion", "a different order")),
                 ("x,y\n", ["--pose-format", "eulr"], ("--pose-format", "kuka", "fanuc")),
                 ("", ["--pose-format", "rpy"], ("the file is empty",)),
                 ("0,0,0,1,0,0\n", ["--pose-format", "rpy", "--unit", "inch"], ("--unit", "mm")),

@@ -191,8 +191,8 @@ class Tampered(Faults):
             return result["robot"]["joints"][joint]
         place = "robot.joints." + joint + ".new.rotation"
         for rotation in ([[1, 0, 0], [0, 1, 0], [0, 0, 5e9]], [[1, 0, 0], [0, 1, 0], [0, 0, -1]], [[0, 0, 0]] * 3, [[1e200, 0, 0], [0, 1, 0], [0, 0, 1]]):
-            self.tampered(lambda r: entry(r)["new"].update(rotation=rotation), place, "no rotation", commands=("apply",))
-        self.tampered(lambda r: entry(r).update(offset=1e17), "robot: its numbers do not fit each other", commands=("apply",))
+            self.tampered(lambda r: entry(r)["new"].update(rotation=rotation), place, "not a rotation", commands=("apply",))
+        self.tampered(lambda r: entry(r).update(offset=1e17), "robot: its values are inconsistent", commands=("apply",))
 
 
 def needs_bounds(test):

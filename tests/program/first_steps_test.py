@@ -230,11 +230,11 @@ class Mount(Case):
         self.simulate(samples=3)
         for rig, part in ((BY_JOINT.replace("camera_joint", "camera_jont"), "valid: joint/optical_joint, joint/camera_joint"),
                           (BY_JOINT.replace("joint/camera_joint", "camera_joint"), "valid: joint/optical_joint, joint/camera_joint"),
-                          (BY_JOINT.replace("camera_joint", "wall_joint"), "is no fixed joint that link 'optical' hangs on"),
-                          (BY_JOINT.replace("camera_joint", "j6"), "is no fixed joint that link 'optical' hangs on"),
+                          (BY_JOINT.replace("camera_joint", "wall_joint"), "is not a fixed joint that link 'optical' hangs on"),
+                          (BY_JOINT.replace("camera_joint", "j6"), "is not a fixed joint that link 'optical' hangs on"),
                           (BY_JOINT.replace("link: optical", "link: j6_link"), "valid: none, for joint 'j6' above it is not fixed"),
                           (BY_JOINT.replace("link: optical", "link: base"), "valid: none: the link is the robot's root"),
-                          ((RIG % ("", ", mount_joint: joint/wall_joint", "")).replace("mount: {link: wall}", "mount: free"), "a free target hangs on no joint")):
+                          ((RIG % ("", ", mount_joint: joint/wall_joint", "")).replace("mount: {link: wall}", "mount: free"), "a free target is not on a joint")):
             self.write("wrong.yaml", rig)
             self.assertIn(part, self.kincal("check", "wrong.yaml", "sim/samples.jsonl", code=1))
 
@@ -346,7 +346,7 @@ class Words(Case):
             self.assertIn("mount board on the link that carries it (the base, if nothing moves), or let a second sensor see it", text)
         self.assertIn("Mount 'board' (`mount: {link: NAME}`) on the link that carries it", self.kincal("check", "out.yaml", "sim/samples.jsonl"))
         text = self.kincal("calibrate", "out.yaml", "sim/samples.jsonl", "--out", "no", "--no-group", "*", "--fix", "sensor/*/pose", code=1)
-        self.assertIn("nothing can be estimated: all that could be wrong is held on demand", text)
+        self.assertIn("nothing can be estimated: everything that may be wrong is fixed by options", text)
         # A tracker on the base's own body, whose mount is a joint that nothing depends on.
         tracker = re.sub("cam: .*", "cam: {type: point, link: optical, mount: joint/camera_joint, sigma: 0.001}", free).replace("base: base", "base: camera_link")
         self.write("mounted.yaml", tracker.replace("mount: free", "mount: {link: wall%s}" % BOARD))

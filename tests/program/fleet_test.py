@@ -94,7 +94,7 @@ class Fleet(helpers.Folder):
         self.assertEqual(worst["family"]["numbers"][0]["number"], "joint/bend/offset")
         self.assertAlmostEqual(worst["family"]["numbers"][0]["off"], BEND, delta=0.005)
         self.assertIn("1 of 10 robots", out)
-        self.assertIn("Nothing is said of drift", out)
+        self.assertIn("No check of drift", out)
         rows = self.rows("out", "robots.csv")
         self.assertEqual([r["serial"] for r in rows], [r["serial"] for r in found["robots"]])
         self.assertEqual([r["out_of_family"] for r in rows], ["yes"] + 9 * ["no"])
@@ -115,7 +115,7 @@ class Fleet(helpers.Folder):
         self.kincal("fleet", *healthy, "--out", "out", "--level", "0.001")
         self.assertEqual(json.loads(self.read("out", "fleet.json"))["out_of_family"], 0)
         out, _ = self.kincal("fleet", *healthy[:3], "--out", "few")
-        self.assertIn("8 robots are needed, there are 3", out)
+        self.assertIn("it needs 8 robots, there are 3", out)
         self.assertIsNone(json.loads(self.read("few", "fleet.json"))["family"])
         _, err = self.kincal("fleet", *healthy, "--out", "out", code=1)
         self.assertIn("out", err)
@@ -243,9 +243,9 @@ sensors:
     def test_wrong_input(self):
         os.mkdir(self.path("empty"))
         for args, words in (
-                (["nowhere"], "nowhere: is no directory"),
+                (["nowhere"], "nowhere: is not a directory"),
                 (["empty"], "empty: there is no result directory in it"),
-                ([self.result("results"), "--anew", "joint/bent/*"], "--anew: 'joint/bent/*' matches no number"),
+                ([self.result("results"), "--anew", "joint/bent/*"], "--anew: 'joint/bent/*' matches no parameter"),
                 ([self.result("results"), "--level", "2"], "--level")):
             _, err = self.kincal("fleet", *args, "--out", "out", code=1)
             self.assertIn(words, err)
@@ -253,7 +253,7 @@ sensors:
         shutil.copytree(self.result("results", "r0"), self.path("r0"))
         self.write("r0/result.json", self.read("r0", "result.json").replace('"time": "2026-03-01"', '"time": "in March"'))
         _, err = self.kincal("fleet", "r0", "--out", "out", code=1)
-        self.assertIn("r0/result.json: time: 'in March' is no date as 2026-03-01", err)
+        self.assertIn("r0/result.json: time: 'in March' is not a date like 2026-03-01", err)
         shutil.copytree(self.result("results", "r1"), self.path("r1"))
         lines = self.read("r1", "information.csv").split("\n")
         self.write("r1/information.csv", "\n".join(lines[:3] + [lines[3].replace(",", ",x", 1)] + lines[4:]))

@@ -167,7 +167,7 @@ class Result(Case):
     def test_names_of_another_lens(self):
         self.write("rig.yaml", RIG + "estimate:\n  - {step: all, free: [sensor/right/distortion.k4, sensor/left/pose]}\n")
         _, errors = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens")
-        self.assertIn("'sensor/right/distortion.k4' in the rig's steps means nothing", errors.replace("\n", " "))
+        self.assertIn("'sensor/right/distortion.k4' in the rig's steps has no meaning", errors.replace("\n", " "))
 
 
 class Together(Case):

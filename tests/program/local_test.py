@@ -142,7 +142,7 @@ class Planted(Case):
             samples = self.samples("all.jsonl", seed, 60, 30, 0.2, 0)
             result = self.calibrated("result", samples)
             said, _ = self.run_it("local", result, samples, "--near", NEAR, "--out", self.path("local.yaml"), "--force")
-            self.assertIn("No gain: the global calibration is as good here", said)
+            self.assertIn("No gain: the global calibration is equally good here", said)
             text = read(self.path("local.yaml"))
             self.assertTrue(text.startswith("# No local offsets: the global calibration is as good here"), text[:200])
             self.assertIn("gain: false", text)
@@ -173,7 +173,7 @@ class File(Case):
         out = self.path("local.yaml")
         self.local(NEAR, "--out", out, "--force")
         text = read(out)
-        for words in ("Not for use elsewhere than around this posture", "Do not fold into the URDF", "format: kincal-local/1",
+        for words in ("Use only around this posture", "Do not fold into the URDF", "format: kincal-local/1",
                       "gain: true"):
             self.assertIn(words, text)
         local = json.loads(self.local(NEAR, "--json")[0])
@@ -213,7 +213,7 @@ class File(Case):
         self.wrong("j3=1,j3=2", "twice")
         self.wrong("j3=1,,j4=2", "joint=value")
         self.wrong("fixed=1", "does not move")
-        self.wrong("p333", "no sample's id", "nearest: p")
+        self.wrong("p333", "not the id of a sample", "nearest: p")
         write(self.path("bad.yaml"), "j1: 0.1\nj33: 0.2\n")
         self.wrong(self.path("bad.yaml"), "bad.yaml:2", "unknown joint 'j33'", "nearest: j3")
         write(self.path("bad.yaml"), "[1, 2]\n")

@@ -447,7 +447,7 @@ class Models(Case):
         self.assertIn("`quat` now: link3, link4", said)
         self.assertIn("stay so on them: link4", said)
         self.assertNotIn("euler", re.search('<body name="link3"[^>]*>', new).group(0))
-        self.fails(new, "model.xml:", "body 'link1'", "holds the changes of the result already")
+        self.fails(new, "model.xml:", "body 'link1'", "already has the changes of the result")
 
     def test_names_and_rounding(self):
         """Names lack a prefix, numbers have four digits, and the lowest body is a link that the arm does not hang on."""
@@ -461,7 +461,7 @@ class Models(Case):
         model = re.sub('<body name="link1" [^>]*>', lambda _: '<body name="link1" %s>' % written(on_plate, "quat", 4), model)
         new, said = self.applied(model)
         self.assertIn("without 'r_'", said)
-        self.assertRegex(said, "up to [0-9.e-]+ m or rad from the robot as it was")
+        self.assertRegex(said, "up to [0-9.e-]+ m or rad from the robot before the calibration")
         base = ("plate", rigid(turn(Z, 1), (0.1, -0.2, 0.8)))
         kept = self.frame_kept(new, after, "link4", "plate")
         np.testing.assert_allclose(kept, HALF, atol=1e-3)
@@ -490,7 +490,7 @@ class Models(Case):
         base = ("pelvis", Model(model).pose("l_upper", q) @ np.linalg.inv(before.pose("l_upper", q)))
         self.assertEqual(self.same_poses(new, after, base, 1e-9, {("camera", "eye_optical"): ("eye_optical", eye), ("camera", "wrist_camera"): ("wrist_optical", FLIP)}), 20 * 8)
         self.same_bytes(model, new)
-        self.assertIn("sensor 'third' is left away", said)
+        self.assertIn("sensor 'third' is left out", said)
         self.assertRegex(said, "`quat` now: .*wrist_camera")
 
     def test_mobile(self):
@@ -508,7 +508,7 @@ class Models(Case):
         self.assertEqual(self.same_poses(new, after, base, 1e-9, marks), 20 * 8)
         self.same_bytes(model, new)
         self.assertIn('<site name="elsewhere" pos="1 2 3"/>', new)
-        self.assertIn("changes are left away: joints base_joint", said)
+        self.assertIn("changes are left out: joints base_joint", said)
         self.assertIn('quat="0.9 0.1 0 0.3">\n    <freejoint name="floating"/>', new)
 
 
@@ -532,7 +532,7 @@ class Wrong(Case):
         before, _ = self.calibrated(ARM, rig_text(["tool0", "link3"], "base_link"))
         good = arm_model(before)
         change = lambda old, new: self.assertIn(old, good) or good.replace(old, new, 1)
-        self.fails(change("<worldbody>", '<include file="arm.xml"/><worldbody>'), "model.xml:", "<include>", "what it includes is not read")
+        self.fails(change("<worldbody>", '<include file="arm.xml"/><worldbody>'), "model.xml:", "<include>", "included files are not read")
         self.fails(change('angle="radian"', 'coordinate="global"'), "model.xml:3", "coordinate", "global")
         self.fails(change('angle="radian"', 'angle="rad"'), "degree or radian")
         self.fails(change('angle="radian"', 'eulerseq="abc"'), "eulerseq")
@@ -550,7 +550,7 @@ class Wrong(Case):
         self.fails(re.sub('body name=(.)link', r'body name=\1part', good), "body 'part1' is not called as the link that it moves, 'link1'")
         self.fails(good.replace("</mujoco>", ""), "not well-formed")
         self.fails('<mujoco><worldbody/></mujoco>', "no body has the name of a link")
-        self.fails("<sdf/>", "no URDF", "<robot>")
+        self.fails("<sdf/>", "not a URDF", "<robot>")
         self.fails(change('<joint name="joint1"/>', '<joint name="joint1"/>').replace('<body name="link1"', '<body name="shoulder"'), "joint1")
 
 

@@ -221,9 +221,9 @@ class Static(unittest.TestCase):
         self.assertIn("samples.jsonl:2: views[1].ids: as many as 'pixels' are expected: 12", run("monitor", "--static", self.file(samples), code=1))
         samples = self.samples(3)
         samples[2]["views"][1]["target"] = "board"
-        self.assertIn("samples.jsonl:3: views[1]: board, point 0 stands twice", run("monitor", "--static", self.file(samples), code=1))
+        self.assertIn("samples.jsonl:3: views[1]: board, point 0 occurs twice", run("monitor", "--static", self.file(samples), code=1))
         file = self.file(self.samples(3))
-        self.assertIn("--static takes SAMPLES alone", run("monitor", "--static", file, file, code=1))
+        self.assertIn("--static takes only SAMPLES", run("monitor", "--static", file, file, code=1))
         self.assertIn("SAMPLES is missing", run("monitor", file, code=1))
         self.assertIn("all of them to learn from (10 are needed)", run("monitor", "--static", file))
 

@@ -295,7 +295,7 @@ class Words(Case):
         self.assertEqual(result["verdict"]["use"], "good", text)
         found, = self.warnings(result, "last_zero")
         self.assertIn("target/board/pose.r", found)
-        self.assertIn("hold joint/j6/offset (--fix)", found)
+        self.assertIn("fix joint/j6/offset (--fix)", found)
         result, text = self.calibrate(samples, "--fix", "joint/j6/offset")
         self.assertEqual(self.warnings(result, "last_zero") + self.warnings(result, "sigma"), [], text)
 
@@ -307,7 +307,7 @@ class Words(Case):
         result, text = self.calibrate(samples)
         found, = self.warnings(result, "sigma")
         self.assertRegex(found, r"^target/board/pose.z is known to 0.0\d+ m only \(one sigma\). The data do not determine target/board/square. What to do: measure "
-                                r"target/board/square over several fields, write it into the rig, and hold it \(--fix\)$")
+                                r"target/board/square over several fields, write it into the rig, and fix it \(--fix\)$")
         self.assertNotIn("more varied postures", text)
         self.assertEqual(result["verdict"]["use"], "no", text)  # above 3 cm
         self.assertRegex(result["verdict"]["next"][0], "^measure target/board/square")
@@ -332,8 +332,8 @@ class Words(Case):
         self.assertEqual(result["verdict"]["use"], "good", text)
         self.assertNotIn("more varied postures", text)
         found, = self.warnings(result, "base_frame")
-        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are known no better than where the base frame is")
-        self.assertIn("hold joint/j1/offset (--fix)", found)
+        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are determined no better than the position of the base frame")
+        self.assertIn("fix joint/j1/offset (--fix)", found)
         self.assertGreater(result["parameters"]["sensor/tracker/pose"]["sigma"][1], 0.01)  # it is still told
         result, text = self.calibrate(samples, "--fix", "joint/j1/offset")
         self.assertEqual(self.warnings(result, "base_frame") + self.warnings(result, "sigma"), [], text)
@@ -348,7 +348,7 @@ class Words(Case):
         self.assertIn("joint/j1/offset", self.warnings(result, "base_frame")[0])
         # freed without a prior it is not determined, and the cure is the joint
         result, text = self.calibrate(samples, "--free", "joint/j1/offset", code=2)
-        self.assertIn("hold joint/j1/offset, for where the base frame is is its own choice", self.warnings(result, "unobservable")[0])
+        self.assertIn("fix joint/j1/offset, because the position of the base frame is a free choice", self.warnings(result, "unobservable")[0])
         # what hangs on a joint further out is no choice of the base's
         moved = TRACKER.replace("link: base, sigma", "link: l1, sigma")
         samples = self.simulate(moved, dict(TRACKER_TRUTH), samples=30, out="moved")
@@ -363,9 +363,9 @@ class Words(Case):
         self.write("open.yaml", CAMERA)
         result, text = self.calibrate(samples, "--group", "centres", "--group", "offsets", rig="open.yaml")
         held, = self.warnings(result, "no_effect")
-        self.assertIn("--group 'centres' was asked for, yet its numbers stay as the rig has them", held)
-        self.assertIn("free each by name (--free), as sensor/cam/intrinsics.cx", held)
-        self.assertIn("; --group 'offsets' changes nothing: it is among those tried anyway", held)
+        self.assertIn("--group 'centres' was requested, but its parameters keep their nominal values", held)
+        self.assertIn("free each by name (--free), for example sensor/cam/intrinsics.cx", held)
+        self.assertIn("; --group 'offsets' has no effect: this group is always tried", held)
         # what is freed by name is estimated, and nothing says that it is held
         result, text = self.calibrate(samples, "--free", "sensor/cam/intrinsics.cx", rig="open.yaml")
         self.assertNotIn("sensor/cam/intrinsics.cx", [h["parameter"] for h in result["held"]])
@@ -393,9 +393,9 @@ class Words(Case):
             self.assertIn("compliance", [g["group"] for g in result["automatic"] if not g["held"]])
             result, _ = self.calibrate(clean, "--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", rig="open.yaml")
             found, = self.warnings(result, "systematic")
-            self.assertRegex(found, r"the errors of the readings of joint 'j2' go with where it stands \(0\.\d+ mrad, up to \d+ % of their scatter\)")
+            self.assertRegex(found, r"the errors of the readings of joint 'j2' depend on its position \(0\.\d+ mrad, up to \d+ % of their scatter\)")
             self.assertEqual(result["verdict"]["use"], "doubts")
-            self.assertIn("go with where it stands", result["verdict"]["text"])
+            self.assertIn("depend on its position", result["verdict"]["text"])
 
     def test_errors_that_jump(self):
         """A joint that was homed anew at half time: which sample, also where the samples are not in the order of their times."""
@@ -415,12 +415,12 @@ class Words(Case):
                 with self.subTest(seed=seed):
                     result, text = self.calibrate(samples, rig="open.yaml")
                     found, = self.warnings(result, "jump")
-                    self.assertIn("calibrate what was recorded before that sample and from it on apart", found)
+                    self.assertIn("calibrate the samples before that one and those from it on separately", found)
                     self.assertEqual(result["verdict"]["use"], "doubts", text)
                     changed = [f["where"] for f in result.get("findings", []) if f["id"] == "changed"]
                     if changed:         # then noise is not estimated, which makes the jump look smaller, and begin a sample early
                         self.assertEqual(changed, [[clean[15]["id"]]])
-                        self.assertIn("and from '%s' on contradict each other" % clean[15]["id"], result["verdict"]["text"])
+                        self.assertIn("and those from '%s' on contradict each other" % clean[15]["id"], result["verdict"]["text"])
                         self.assertRegex(found, r"^the errors of joint 'j2' jump by at least [2-6]\.?\d* mrad from sample 'sample_001[45]' on")
                         continue
                     self.assertRegex(found, r"^the errors of joint 'j2' jump by at least [56]\.?\d* mrad from sample '%s' on" % clean[15]["id"])
@@ -498,7 +498,7 @@ class Words(Case):
         p = subprocess.run([KINCAL, "calibrate", "open.yaml", "samples.jsonl", "--fix", "sensor/cam/pose.x", "--out", "held", "--force", "--quiet"],
                            capture_output=True, text=True, cwd=self.dir)
         self.assertNotEqual(p.returncode, 0)
-        self.assertIn("sensor/cam/pose is absent from the rig, and a coordinate of it is held, or it has a prior: that counts from the identity", p.stdout + p.stderr)
+        self.assertIn("sensor/cam/pose is missing in the rig, and one of its coordinates is fixed, or it has a prior: the prior or the fixed value refers to the identity", p.stdout + p.stderr)
         for word in ("mirrored", "joint-sign", "wrong-link"):
             self.assertNotIn(word, p.stdout + p.stderr)
 
@@ -511,7 +511,7 @@ class Words(Case):
         self.write("open.yaml", CAMERA)
         result, text = self.calibrate(samples, "--fix", "target/board/pose.z", rig="open.yaml")
         found, = self.warnings(result, "identity")
-        self.assertIn("target/board/pose is absent from the rig, and its z is held: that counts from the identity", found)
+        self.assertIn("target/board/pose is missing in the rig, and its z is fixed: the prior or the fixed value refers to the identity", found)
         self.assertIn("give it a pose in the rig", found)
         self.assertEqual(result["verdict"]["use"], "doubts")
         self.assertIn("give it a pose in the rig", result["verdict"]["text"])
@@ -652,7 +652,7 @@ class Words(Case):
         found, = json.loads(self.kincal("check", "rig.yaml", "bench/samples.jsonl", "--json", code=0))["findings"]
         self.assertEqual(found["id"], "disconnected")
         self.assertNotIn("no other sensor", found["text"])
-        self.assertIn("Hold one of these, as sensor/left/pose:", found["text"])
+        self.assertIn("Fix one of these, as sensor/left/pose:", found["text"])
         self.kincal("calibrate", "rig.yaml", "bench/samples.jsonl", "--out", "held", "--fix", "sensor/left/pose")
 
     def test_a_board_in_millimetres_is_calibrated_and_named(self):
@@ -679,7 +679,7 @@ class Words(Case):
         result, text = self.calibrate(samples, rig="open.yaml")
         self.assertEqual(result["verdict"]["use"], "no", text)  # the camera is one place or 8 cm from there
         self.assertEqual([f["id"] for f in result["findings"]], ["link-length"], text)
-        for words in ("joint/j3/origin.", "target/board/square", "with a ruler", "alike"):
+        for words in ("joint/j3/origin.", "target/board/square", "with a ruler", "equally well"):
             self.assertIn(words, result["findings"][0]["text"])
         # less than what is looked for: the size that came out as another is a doubt all the same, but not where it was said how well it is known
         self.write("less.yaml", CAMERA.replace("square: 0.025", "square: 0.0255"))
@@ -825,8 +825,8 @@ class Words(Case):
             view["points"] = [[rng.uniform(-1, 1) for _ in range(3)] for _ in view["points"]]
         self.write("steps.yaml", TRACKER.replace("{link: l6}", "{link: l6, pose: {xyz: [0.1, 0, 0]}}") + "estimate:\n  - {step: mounts, free: [sensor/tracker/pose, \"target/r*/pose.[xyz]\"]}\n")
         result, text = self.calibrate(samples, "--no-report", code=5, rig="steps.yaml")
-        self.assertRegex(result["verdict"]["text"], r"Errors are \d+ times the noise that the rig states, evenly")
-        self.assertNotIn("noise stated too small is likelier", result["verdict"]["text"].lower())
+        self.assertRegex(result["verdict"]["text"], r"Errors are \d+ times the noise stated in the rig, evenly")
+        self.assertNotIn("an understated noise is likelier", result["verdict"]["text"].lower())
 
 
 CAMERAS = """  %(l)s: {type: camera, link: %(link)s, pose: {xyz: [%(x)s], rpy: [-1.5708, 0.02, 1.5908]}, model: pinhole, intrinsics: [900, 900, 640, 480], image_size: [1280, 960], sigma: 0.2}
@@ -948,7 +948,7 @@ class Data(Case):
     def test_a_view_twice_is_one(self):
         samples = self.simulate(POSED, CAMERA_TRUTH, samples=20)
         samples[3]["views"].append(samples[3]["views"][0])
-        self.assertIn("duplicates", [id for id, text in self.found(samples) if "twice, number for number, in sample %s" % samples[3]["id"] in text])
+        self.assertIn("duplicates", [id for id, text in self.found(samples) if "twice, with identical values, in sample %s" % samples[3]["id"] in text])
 
     def test_a_picture_that_was_paired_twice(self):
         samples = self.simulate(POSED, CAMERA_TRUTH, samples=20)
@@ -1120,14 +1120,14 @@ class Scales(Case):
         result, text = self.calibrate(samples)
         self.assertEqual(self.warnings(result, "scale"), [], text)
         unchecked, = self.warnings(result, "unchecked")
-        self.assertIn("the squares of targets 'near', 'left', 'right': were they one percent wrong, target/", unchecked)
-        self.assertRegex(result["verdict"]["text"], "^converged; .* It is as right as the squares of targets 'near', 'left', 'right', which nothing checks")
+        self.assertIn("the squares of targets 'near', 'left', 'right': if they were wrong by one percent, target/", unchecked)
+        self.assertRegex(result["verdict"]["text"], "^converged; .* It is only as accurate as the squares of targets 'near', 'left', 'right', which nothing checks")
         self.assertEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])
         self.write("wrong.yaml", STEREO_HEAD % {"square": 0.05})
         result, text = self.calibrate(samples, rig="wrong.yaml")
         self.assertEqual(result["verdict"]["use"], "doubts")
         self.assertRegex(result["verdict"]["text"], "^all lengths between sensors and targets came out 0.8[345]\\d? times those of the rig .* taken 1.(2|19)")
-        self.assertIn("measure the squares", result["verdict"]["next"][0])
+        self.assertIn("measure the spacing", result["verdict"]["next"][0])
         self.assertNotEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])  # what the doubt is about
 
     def test_a_slide_that_nothing_checks(self):
@@ -1139,9 +1139,9 @@ class Scales(Case):
         result, text = self.calibrate(samples)
         wrong = self.wrong(result, {"sensor/cam/intrinsics": SLIDE_TRUTH["sensor/cam/intrinsics"]})
         self.assertEqual(wrong[:2], ["sensor/cam/intrinsics 0", "sensor/cam/intrinsics 1"], text)
-        self.assertRegex(" ".join(self.warnings(result, "unchecked")), "the readings of joint 'j3': were they one percent wrong, sensor/cam/intrinsics.f[xy] would come "
-                                                                       "out elsewhere by (9|10|11).* What to do: compare a long way of the joint with a ruler")
-        self.assertIn("It is as right as the readings of joint 'j3', which nothing checks", result["verdict"]["text"])
+        self.assertRegex(" ".join(self.warnings(result, "unchecked")), "the readings of joint 'j3': if they were wrong by one percent, sensor/cam/intrinsics.f[xy] would "
+                                                                       "shift by (9|10|11).* What to do: compare a long travel of the joint with a ruler")
+        self.assertIn("It is only as accurate as the readings of joint 'j3', which nothing checks", result["verdict"]["text"])
 
     def test_a_point_is_not_turned_where_a_part_of_its_pose_is_held(self):
         self.write("gantry.urdf", GANTRY_URDF)

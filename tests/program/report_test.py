@@ -240,10 +240,10 @@ class Command(Case):
     def test_wrong(self):
         self.calibrated()
         self.assertRegex(self.kincal("report", "nowhere", code=1), "nowhere/result.json: cannot be read")
-        self.assertRegex(self.kincal("report", "out", "out", code=1), "--out FILE is required")
+        self.assertRegex(self.kincal("report", "out", "out", code=1), "need --out FILE")
         with open(self.path("out", "result.json"), "w") as f:
             f.write("[1, 2")
-        self.assertRegex(self.kincal("report", "out", code=1), "result.json: this is no result.json of kincal")
+        self.assertRegex(self.kincal("report", "out", code=1), "result.json: this is not a result.json of kincal")
 
     def test_tampered(self):
         """Files that somebody changed are named, whatever is missing in them."""

@@ -198,7 +198,7 @@ class Ur(Case):
         self.write("k.yaml", "kinematic: {}\n")
         self.fails(init, "k.yaml", "'kinematics' is missing")
         self.write("k.yaml", "kinematics: {%s}\n" % ", ".join("%s: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}" % part for part in self.PARTS))
-        self.fails(init, "--out is missing")
+        self.fails(init, "--out is required")
         self.fails(["init", "--flange", "tool0", "--kinematics", "k.yaml"], "--kinematics", "URDF")
         self.fails(["init", "robot.urdf", "--prefix", "a"], "--prefix", "--kinematics")
         self.good(*init, "--out", "r.yaml")

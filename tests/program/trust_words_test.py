@@ -110,7 +110,7 @@ class Noise(Case):
         used = {(level["of"], level["part"]): level["used"] for level in result["noise_levels"]}
         for level in again["noise_levels"]:
             self.assertAlmostEqual(level["assumed"] / used[level["of"], level["part"]], 1, places=9)
-        self.assertNotIn("Noise that is seen", text)
+        self.assertNotIn("Noise estimated from the data beside", text)
         self.assertAlmostEqual(again["chi2"] / again["dof"], 1, delta=0.02)
 
     def test_noise_of_joints_taken_by_a_camera(self):
@@ -127,9 +127,9 @@ class Noise(Case):
             file.write(text.replace('"*": {sigma: 0.0003}', '"*": {sigma: 0.000003}'))
         result, _ = self.calibrate(rig, os.path.join(self.dir, "sim", "samples.jsonl"), "--no-report", "--estimate-noise")
         self.assertEqual(result["verdict"]["use"], "doubts")
-        for words in ("do not determine the noise of joint/", "sensor/camera came out", "as noisy as stated: where that is noise of these joints"):
+        for words in ("do not determine the noise of joint/", "sensor/camera came out", "as noisy as stated: if this is noise of these joints"):
             self.assertIn(words, result["verdict"]["text"])
-        self.assertIn("state in the rig what you know of the noise", result["verdict"]["next"][0])
+        self.assertIn("state the known noise in the rig", result["verdict"]["next"][0])
 
     def test_modes(self):
         rig, samples = (os.path.join(self.example, name) for name in ("rig.yaml", "samples.jsonl"))
@@ -138,7 +138,7 @@ class Noise(Case):
         self.assertEqual(p.returncode, 1)
         self.assertIn("latent and none only", p.stderr)
         result, text = self.calibrate(rig, samples)
-        self.assertNotIn("Noise that is seen", text)  # these data have the rig's sigmas
+        self.assertNotIn("Noise estimated from the data beside", text)  # these data have the rig's sigmas
         seen = {level["of"]: level for level in result["noise_levels"]}
         self.assertAlmostEqual(seen["sensor/wide_left"]["seen"], 0.125, delta=0.005)
         result, _ = self.calibrate(rig, samples, "--noise", "marginal")
@@ -157,7 +157,7 @@ class Example(Case):
         self.assertIsNone(weak["sigma"])
         self.assertLessEqual({"joint/l_wrist_roll_joint/offset", "sensor/left_arm/pose.rx"}, set(weak["parameters"]))
         self.assertIn("same axis, whatever the posture", weak["why"])
-        self.assertIn("hold", weak["cure"])
+        self.assertIn("fix", weak["cure"])
         self.assertEqual(weak["joints"], [])
         warnings = [w["text"] for w in result["warnings"] if w["id"] == "unobservable"]
         self.assertEqual(len(warnings), 1)
@@ -198,7 +198,7 @@ class Panda(Case):
                                  {"joint/panda_joint7/origin.rx", "joint/panda_joint7/origin.ry"})
                 ball = result["noise_levels"][0]
                 self.assertAlmostEqual(ball["seen"], 0.000122, delta=2e-6)
-                self.assertIn("smaller than the sigmas", " ".join(w["text"] for w in result["warnings"]))
+                self.assertIn("smaller than the rig's sigmas", " ".join(w["text"] for w in result["warnings"]))
 
 
 class Hrp2(Case):

@@ -83,7 +83,7 @@ class ExitCode(Case):
         result, warnings = self.calibrate(rig, code=5)
         self.assertEqual((result["status"], result["verdict"]["use"]), ("unexplained", "no"))
         self.assertTrue(all(s["status"] == "converged" for s in result["steps"]))
-        for words in ("Noise stated too small is likelier than a mistake", "state sensor/", "--estimate-noise"):
+        for words in ("An understated noise is likelier than a mistake", "state sensor/", "--estimate-noise"):
             self.assertIn(words, result["verdict"]["text"])
             self.assertIn(words, warnings["unexplained"]["text"])
         for name in ("rig.yaml", "changes.yaml"):
@@ -101,7 +101,7 @@ class ExitCode(Case):
         result, warnings = self.calibrate(self.other_square(0.03), code=5)
         self.assertEqual(result["status"], "unexplained")
         self.assertEqual(result["findings"][0]["id"], "square")
-        for words in ("A mistake is likelier than noise", "square: ", "undo it"):
+        for words in ("A mistake is likelier than an understated noise", "square: ", "undo it"):
             self.assertIn(words, result["verdict"]["text"])
         self.assertEqual(result["warnings"][0]["id"], "unexplained")
 
@@ -147,7 +147,7 @@ class ExitCode(Case):
         with open(os.path.join(out, "summary.json"), encoding="utf-8") as file:
             summary = json.load(file)
         self.assertEqual((summary["converged"], summary["unexplained"]), (1, 2))
-        for name, words in (("noise", "Noise stated too small is likelier"), ("square", "square: ")):
+        for name, words in (("noise", "An understated noise is likelier"), ("square", "square: ")):
             entry = summary["results"][name]
             self.assertEqual((entry["status"], entry["exit_code"]), ("unexplained", 5))
             self.assertIn(words, entry["error"])

@@ -169,7 +169,7 @@ class Verify(Case):
         blind = write_samples(self.path("blind.jsonl"), samples)
         told = self.told(blind, "--tolerance", "frame/target/reflector<0.05mm", code=5)
         self.assertIsNone(told["tolerance"]["needed"])
-        self.assertIn("no number of postures would prove it", told["text"])
+        self.assertIn("no number of postures can prove it", told["text"])
         self.assertIn("stated too large", " ".join(told["notes"]))
 
     def test_refused(self):
@@ -253,7 +253,7 @@ class Verify(Case):
             self.assertNotIn(words, page)
         before = page
         self.assertIn("exists", run("verify", self.result, self.samples, "--out", out, code=1))
-        self.assertIn("holds a result", run("verify", self.result, self.samples, "--out", self.result, "--force", code=1))
+        self.assertIn("has a calibration result", run("verify", self.result, self.samples, "--out", self.result, "--force", code=1))
         self.assertEqual(text_of(os.path.join(out, "certificate.html")), before)
         run("verify", self.result, self.samples, "--out", out, "--force", "--quiet")
         self.assertNotEqual(text_of(os.path.join(out, "certificate.html")), before)

@@ -575,7 +575,7 @@ class Progress(Case):
         trials = ("--cross-validate", "2", "--restarts", "2", "--estimate-noise", "--reject")
         for args, words in ((("calibrate", "rig.yaml", "many.jsonl", *trials), ("reading many.jsonl", "all: iteration ", "uncertainties", "cross-validation 50 %", "restarts 50 %", "noise, round ",
                                                                                "looking for outliers", "writing")),
-                            (("calibrate", "automatic.yaml", "many.jsonl"), ("starting values", "widths, round 1", "what there is evidence for")),
+                            (("calibrate", "automatic.yaml", "many.jsonl"), ("starting values", "widths, round 1", "selecting parameters by evidence")),
                             (("evaluate", "rig.yaml", "many.jsonl"), ("reading", "evaluating")), (("check", "rig.yaml", "many.jsonl"), ("reading",)),
                             (("local", "rig.yaml", "many.jsonl", "--near", "1_arm_000"), ("reading", "calibrating locally")),
                             (("simulate", "rig.yaml", "--samples", "2000", "--seed", "1"), ("simulating",))):

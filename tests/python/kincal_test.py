@@ -250,7 +250,7 @@ class Robot(Folder):
         for i, line in enumerate(lines[1:]):
             self.assertEqual([float(v) for v in line.split(",")], [found.joints[n][i] for n in "abcde"])
         self.assertLess(found.position.max(), 1e-6)
-        with self.assertRaisesRegex(kincal.InputError, "base: 'hand' is nothing that stands still"):
+        with self.assertRaisesRegex(kincal.InputError, "base: 'hand' does not stand still"):
             result.compensate(joints, "target/ball", base="hand")
         self.assertTrue(os.path.exists(urdf))
 
@@ -348,7 +348,7 @@ class Errors(Folder):
         self.fails(run(threads=1.5), "an integer is expected", name="threads")
         self.fails(run(holdout=1), "is not in 2 .. 1000", name="holdout")
         self.fails(run(step="nothing"), "there is no step", name="step")
-        self.fails(run(group="gears"), "for rigs without `estimate`; this rig's steps say what is free (free frees more of them)", name="group")
+        self.fails(run(group="gears"), "for rigs without `estimate`; this rig's steps list the estimated parameters (free frees more of them)", name="group")
         self.fails(run(require="wide_left<1"), "require 'wide_left<1'", name="require")
         self.fails(run(report_frame="nowhere"), "nowhere", name="report_frame")
         with self.assertRaises(TypeError):

@@ -244,7 +244,7 @@ TEST_CASE("import: joints that are missing, by name") {
   urdf.replace(urdf.find("'b'"), 3, "'arm_b'");
   rig.replace(rig.find("b: {s"), 1, "arm_b");
   const std::string notes = notes_of(urdf, rig);
-  CHECK(notes.find("joint 'arm_b' is on no topic, what stands on it gives no samples; the "
+  CHECK(notes.find("joint 'arm_b' is on no topic: views that depend on it give no samples; the "
                    "recording has: a, b") != std::string::npos);
   CHECK(notes.find("joint 'arm_b' has no readings when targets are seen") != std::string::npos);
 
@@ -283,7 +283,7 @@ TEST_CASE("import: messages that are there again count once") {
   INFO(notes);
   REQUIRE(streams.notes.size() == 3);
   CHECK(streams.notes[0].find("40 messages of /eye/image_raw, /joint_states are there again") == 0);
-  CHECK(streams.notes[1].find("/joint_states: 1 readings of joint 'a' are no finite numbers") == 0);
+  CHECK(streams.notes[1].find("/joint_states: 1 readings of joint 'a' are not finite") == 0);
   CHECK(streams.joints[0].readings.size() == 19);
   REQUIRE(streams.images[0].times.size() == 42);  // in the order of the bag
   CHECK(streams.images[0].times[2] == Approx(0.1));
@@ -303,7 +303,7 @@ TEST_CASE("import: readings that come too slowly are said") {
   const TopicMap topics = find_topics(place.rig(kMocap, kRobot), streams);
   bool said = false;
   for (const std::string& note : topics.notes)
-    said = said || note.find("/joint_states: 2 readings a second are too few") == 0;
+    said = said || note.find("/joint_states: 2 readings per second are too few") == 0;
   CHECK(said);
 }
 
@@ -399,10 +399,11 @@ TEST_CASE("import: joints that only a command has") {
                      joint_state_message(Wire::ros1, at(0.01 * i), {"a", "b"}, {0.1, 0.2}));
   const TopicMap topics = find_topics(place.rig(kMocap, kRobot), place.streams());
   REQUIRE(topics.notes.size() >= 1);
-  CHECK_THAT(topics.notes[0],
-             Catch::StartsWith("what stands on joints a, b gives no samples: only /arm/command has "
-                               "them") &&
-                 Catch::Contains("write `topic: /arm/command`"));
+  CHECK_THAT(
+      topics.notes[0],
+      Catch::StartsWith("views that depend on joints a, b give no samples: only /arm/command has "
+                        "them") &&
+          Catch::Contains("write `topic: /arm/command`"));
 }
 
 TEST_CASE("import: topics that contradict each other are refused") {

@@ -258,7 +258,7 @@ TEST_CASE("time offset: what cannot tell is said") {
   std::vector<WaySighting> seen = trip.pictures(
       0, 0, [](double) { return 0.; }, 1);
   seen.resize(7);
-  CHECK(trip.find(0, seen).why_not.find("fewer than three ways") != std::string::npos);
+  CHECK(trip.find(0, seen).why_not.find("fewer than three moves") != std::string::npos);
   seen = trip.pictures(
       0, 0, [](double) { return 0.; }, 1);
   for (WaySighting& one : seen) one.time += 1000;  // where there are no readings

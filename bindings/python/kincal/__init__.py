@@ -4,7 +4,7 @@
     print(result)
     result.save("result")
 
-Files of the program come in as paths, or as dicts and numpy arrays with the same keys; docs/python.md tells more.
+Files of the program come in as paths, or as dicts and numpy arrays with the same keys; see docs/python.md.
 """
 from ._data import Rig, Samples
 from ._errors import InputError, StartError

@@ -1,4 +1,4 @@
-"""Rigs and samples: what a calibration is given."""
+"""Rigs and samples: the input of a calibration."""
 from __future__ import annotations
 
 import importlib
@@ -27,7 +27,7 @@ def readonly(array: Array) -> Array:
 
 
 def plain(value: Any, where: str) -> Any:
-    """The same without arrays, for JSON; NaN and what JSON has no word for are errors that say where they stand."""
+    """The same without arrays, for JSON. NaN and values that JSON cannot express are errors that name their place."""
     if isinstance(value, Mapping):
         return {str(k): plain(v, "%s.%s" % (where, k)) for k, v in value.items()}
     if isinstance(value, numpy.ndarray):
@@ -89,7 +89,7 @@ class Rig:
     warnings = property(lambda self: tuple(self._about["warnings"]), doc="What kincal accepted in the URDF although it is unusual.")
 
     def to_dict(self) -> Any:
-        """What stands in rig.yaml."""
+        """The contents of rig.yaml."""
         return self._rig.to_dict()
 
     def forward(self, joints: Mapping[str, Any], frame: str, base: Optional[str] = None) -> Floats:
@@ -116,7 +116,7 @@ class Rig:
 
 
 def table(joints: Mapping[str, Any]) -> Tuple[List[str], Floats, Tuple[int, ...]]:
-    """Names of joints, their readings (a row a posture), and the shape of the postures."""
+    """Names of joints, their readings (one row per posture), and the shape of the postures."""
     try:
         columns = numpy.broadcast_arrays(*[numpy.asarray(v, dtype=float) for v in joints.values()])
     except (TypeError, ValueError) as error:
@@ -127,7 +127,7 @@ def table(joints: Mapping[str, Any]) -> Tuple[List[str], Floats, Tuple[int, ...]
 
 
 class Samples(Sequence[Any]):
-    """What was logged, one posture of the robot each: the path of a samples.jsonl, or mappings with the same keys, lists or numpy
+    """Recorded samples, one posture of the robot each: the path of a samples.jsonl, or mappings with the same keys, lists or numpy
     arrays in them. With `rig` they are checked at once, else when they are used. They do not change; arrays out are read-only."""
 
     def __init__(self, source: Union[Path, Iterable[Mapping[str, Any]]], rig: Optional[Rig] = None) -> None:
@@ -176,7 +176,7 @@ class Samples(Sequence[Any]):
         return (self[i] for i in range(len(self)))
 
     def to_dataframe(self) -> Any:
-        """The readings, a row a sample (pandas)."""
+        """The readings, one row per sample (pandas)."""
         return importlib.import_module("pandas").DataFrame([s.get("joints", {}) for s in self], index=[s.get("id", i) for i, s in enumerate(self)])
 
     def save(self, path: Path, force: bool = False) -> None:

@@ -7,7 +7,7 @@ from . import _kincal
 
 
 class InputError(ValueError):
-    """Something is wrong in what was given. `file` and `line` say where, as far as they are known: of samples given as dicts the
+    """An input is wrong. `file` and `line` name the place if it is known: for samples given as dicts the
     file is called `samples`, and the sample k stands in line k + 1. `name` is the field ("views[0].pixels") or the option ("free")."""
 
     def __init__(self, message: str) -> None:
@@ -19,4 +19,4 @@ class InputError(ValueError):
 
 
 class StartError(RuntimeError):
-    """No calibration can start: the first state cannot be evaluated. The message has what may be wrong."""
+    """No calibration can start: the first state cannot be evaluated. The message names possible causes."""

@@ -1,4 +1,4 @@
-"""What a calibration, an evaluation and a check find."""
+"""Results of a calibration, an evaluation and a check."""
 from __future__ import annotations
 
 import importlib
@@ -19,7 +19,7 @@ from ._errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Parameter:
-    """A parameter that was estimated. Arrays have one entry a component; poses are increments [v | w] from the initial pose."""
+    """A parameter that was estimated. Arrays have one entry per component; poses are increments [v | w] from the initial pose."""
     name: str
     components: Tuple[str, ...]
     units: Tuple[str, ...]
@@ -32,7 +32,7 @@ class Parameter:
 
 
 class Residuals(NamedTuple):
-    """Residuals of one sensor, a row a point (a view where it measures poses): px or m; poses: m and rad."""
+    """Residuals of one sensor, one row per point (per view if it measures poses): px or m; poses: m and rad."""
     sample: NDArray[numpy.int64]  # place in the samples
     target: NDArray[numpy.int64]  # place in the rig's targets
     point: NDArray[numpy.int64]   # of the target; -1: a pose
@@ -43,7 +43,7 @@ class Residuals(NamedTuple):
 
 
 class Compensated(NamedTuple):
-    """Readings that reach planned poses, and what is left there."""
+    """Readings that reach planned poses, and the remaining errors."""
     joints: Dict[str, Any]
     position: Any  # m
     rotation: Any  # rad
@@ -55,7 +55,7 @@ def _residuals(data: Mapping[str, Any]) -> Mapping[str, Residuals]:
 
 
 class Found:
-    """Texts of files, and data beside them: nothing of it changes."""
+    """Texts of files, and data beside them; immutable."""
 
     def __init__(self, data: Dict[str, Any]) -> None:
         self._data = data
@@ -82,7 +82,7 @@ class Found:
 
     @property
     def findings(self) -> List[Any]:
-        """Mistakes in the input that explain the data: [{id, text, where, ...}]; of a calibration only if it ended badly."""
+        """Mistakes in the input that explain the data: [{id, text, where, ...}]; for a calibration only if it ended badly."""
         return list(self.to_dict().get("findings", []))
 
 
@@ -101,7 +101,7 @@ class Evaluation(Found):
 
 
 class Check(Found):
-    """What mistakes samples show."""
+    """Mistakes found in samples."""
     verdict = property(lambda self: self._json["verdict"])
 
     def __repr__(self) -> str:
@@ -129,7 +129,7 @@ class Result(Found):
 
     @property
     def covariance(self) -> Floats:
-        """Covariance of the components; rows and columns of what the data do not determine are NaN."""
+        """Covariance of the components; rows and columns of components that the data do not determine are NaN."""
         return readonly(self._data["covariance"])
 
     @cached_property
@@ -160,19 +160,19 @@ class Result(Found):
 
     @cached_property
     def rig(self) -> Rig:
-        """The calibrated rig, with what no URDF can hold."""
+        """The calibrated rig, including parameters that a URDF cannot express."""
         files = self._data["files"]
         name = "robot_unbent.urdf" if "robot_unbent.urdf" in files else "robot.urdf"
         return Rig.from_text(files["rig.yaml"], files.get(name), "result/rig.yaml", "result/" + name)
 
     @property
     def urdf(self) -> str:
-        """The text of the calibrated URDF: the best robot that a URDF can hold."""
+        """The text of the calibrated URDF: the best robot that a URDF can express."""
         return str(self._data["files"].get("robot.urdf", ""))
 
     def propagate(self, jacobian: Any) -> Floats:
-        """Covariance J C J' of what depends on the parameters by J (rows x components, in the order of `components`). What the data do
-        not determine makes NaN of all that depends on it."""
+        """Covariance J C J' of quantities with the Jacobian J (rows x components, in the order of `components`). Quantities that depend on
+        components that the data do not determine are NaN."""
         j = numpy.atleast_2d(numpy.asarray(jacobian, dtype=float))
         if j.ndim != 2 or j.shape[1] != len(self.components):
             raise InputError("jacobian: rows of %d entries are expected, one a component, not an array of shape %s" % (len(self.components), j.shape))
@@ -189,8 +189,8 @@ class Result(Found):
         return self.rig.forward(joints, frame, base)
 
     def compensate(self, joints: Mapping[str, Any], tip: str, base: Optional[str] = None, position_only: bool = False) -> Compensated:
-        """Readings with which a robot that bends, or has error curves, is where the one of `urdf` would be at `joints`: as `kincal
-        compensate`. `base` is what that is seen from: something that stands still."""
+        """Readings that move a robot that bends, or has error curves, to the pose that `urdf` has at `joints`: as `kincal compensate`.
+        `base` is the stationary reference frame of that pose."""
         files = self._data["files"]
         if "rig_rigid.yaml" not in files:
             raise InputError("compensate: there is nothing to compensate: `urdf` has all that was found")
@@ -206,7 +206,7 @@ class Result(Found):
         _kincal.write_results(os.fspath(directory), files, force)
 
     def to_dataframe(self) -> Any:
-        """All components that were estimated, a row each (pandas)."""
+        """All estimated components, one row each (pandas)."""
         rows = [{"parameter": p.name, "component": c, "unit": u, "initial": i, "value": v, "sigma": s, "step": p.step}
                 for p in self.parameters.values() for c, u, i, v, s in zip(p.components, p.units, p.initial, p.value, p.sigma)]
         return importlib.import_module("pandas").DataFrame(rows).set_index("component")

@@ -20,7 +20,7 @@ Names = Union[str, Sequence[str]]
 
 
 class Progress(NamedTuple):
-    """How far the work is. What a listener raises ends the work and is passed on."""
+    """The progress of the work. An exception of a listener ends the work and is passed on."""
     what: str               # the stage, or the step
     share: Optional[float]  # of the stage that is done, None: that cannot be told
     iteration: int          # that ended; 0: a step begins; -1: it is a stage
@@ -46,7 +46,7 @@ def calibrate(rig: RigLike, samples: SamplesLike, options: Optional[Mapping[str,
               write_reduction: Optional[bool] = None, iterations: Optional[int] = None, threads: Optional[int] = None,
               linear_solver: Optional[str] = None, progress: Optional[Listener] = None) -> Result:
     """Calibrates: as `kincal calibrate`, whose options these are, by keyword or in the mapping `options` (a keyword goes before).
-    Raises InputError, and StartError where no calibration can start; any other end is a Result whose `status` says so."""
+    Raises InputError, and StartError where no calibration can start; any other end is a Result with a `status`."""
     given = _settings(options, {k: v for k, v in locals().items() if k not in ("rig", "samples", "options", "progress")})
     one, told = as_rig(rig), _told(progress)
     logged = as_samples(samples)
@@ -100,7 +100,7 @@ def simulate(rig: RigLike, samples: int, seed: int, *, spread: Optional[Mapping[
 
 
 class Plan(NamedTuple):
-    """Postures to record, as `simulate` takes them, in an order that is short to drive; the forecast of their accuracy, as `kincal plan --json` has it, and in words."""
+    """Postures to record, as `simulate` takes them, in an order with short moves; the forecast of their accuracy, as in `kincal plan --json`, and in words."""
     postures: List[Dict[str, Any]]
     forecast: Dict[str, Any]
     text: str
@@ -130,8 +130,8 @@ def plan(rig: RigLike, samples: Optional[SamplesLike] = None, *, next: int = 20,
 
 
 class Monitor:
-    """Watches samples of a calibrated robot, one at a time: how well each fits, and what has moved since; as `kincal monitor`. `result` is a
-    Result, or the path of its folder; `false_alarms`: so many samples lie between two false alarms, in the mean."""
+    """Watches samples of a calibrated robot, one at a time: how well each fits, and which parts have moved; as `kincal monitor`. `result` is a
+    Result, or the path of its folder; `false_alarms`: mean number of samples between two false alarms."""
 
     def __init__(self, result: Union[Result, Path], *, false_alarms: float = 10000) -> None:
         if not false_alarms >= 10:
@@ -150,7 +150,7 @@ class Monitor:
 
     @property
     def moved(self) -> List[List[Dict[str, Any]]]:
-        """The changes that were named, in order: for each the groups that explain it, the likeliest first."""
+        """The reported changes, in order: for each the groups that explain it, the likeliest first."""
         found: List[List[Dict[str, Any]]] = json.loads(self._monitor.found())
         return found
 
@@ -161,7 +161,7 @@ class Monitor:
         return factors
 
     def recalibrated(self, samples: SamplesLike, groups: Sequence[str] = ()) -> Dict[str, Any]:
-        """Calibrates again from these samples, with the last calibration as prior; `groups` (default: those named as moved) are free to have moved: {"samples": how many count, "values":
+        """Calibrates again from these samples, with the last calibration as prior; `groups` (default: those named as moved) may have moved: {"samples": how many count, "values":
         {name: {"change", "sigma", "unit", "determined"}}}. The monitor stays as it is."""
         stored = as_samples(samples)
         done: Dict[str, Any] = json.loads(self._monitor.recalibrated(stored.text, stored.path, list(groups)))
@@ -173,7 +173,7 @@ class Monitor:
         return state
 
     def load(self, state: bytes) -> None:
-        """Goes on from there. Bytes that are damaged or of another calibration are an InputError and change nothing."""
+        """Continues from saved bytes. Bytes that are damaged or of another calibration are an InputError and change nothing."""
         self._monitor.load(state)
 
     def __repr__(self) -> str:
@@ -182,7 +182,7 @@ class Monitor:
 
 
 class StaticViews:
-    """Watches cameras that should stand still and see things that do not move, without a calibration; as `kincal monitor --static`. The first `learning` samples of a camera say where everything is."""
+    """Watches cameras that should stand still and see things that do not move, without a calibration; as `kincal monitor --static`. The first `learning` samples of a camera define the reference positions."""
 
     def __init__(self, *, false_alarms: float = 10000, learning: int = 10) -> None:
         if not false_alarms >= 10:

@@ -123,8 +123,8 @@ TEST_CASE("malformed YAML is refused with its place", "[document]") {
   CHECK_THAT(yaml_error("a: \"open\n"),
              Contains("a quoted text is not closed"));  // yaml-cpp by itself takes this
   CHECK_THAT(yaml_error("a: 1\nb:\n  c: 1\n  d: 2\n  c: 3\n"),
-             Contains("f.yaml:5:6: key 'c' stands twice"));
-  CHECK_THAT(yaml_error("a: 1\n\"a\": 2\n"), Contains("f.yaml:2:6: key 'a' stands twice"));
+             Contains("f.yaml:5:6: key 'c' occurs twice"));
+  CHECK_THAT(yaml_error("a: 1\n\"a\": 2\n"), Contains("f.yaml:2:6: key 'a' occurs twice"));
   CHECK_THAT(yaml_error("--- a\n--- b\n"), Contains("f.yaml:2:5: a second document"));
   CHECK_THAT(yaml_error("a: !!binary xyz\n"), Contains("f.yaml:1:4: the tag"));
   CHECK_THAT(yaml_error("~: 1\n"), Contains("a key must be"));
@@ -311,7 +311,7 @@ TEST_CASE("malformed JSON is refused with its place", "[document]") {
              Contains("f.json:1:3: ") && Contains("finite numbers only"));
   CHECK_THAT(json_error("[1e400]"), Contains("f.json:1:6: number overflow parsing '1e400'"));
   CHECK_THAT(json_error("{\"a\": 1, \"b\": 2, \"a\": 3}"),
-             Contains("f.json:1:23: key 'a' stands twice"));
+             Contains("f.json:1:23: key 'a' occurs twice"));
   CHECK_THAT(json_error("{\"a\": 1} x"), Contains("expected end of input"));
   CHECK_THAT(json_error("[\"\xff\"]"), Contains("UTF-8"));
   CHECK_FALSE(json_error("").empty());

@@ -49,7 +49,7 @@ TEST_CASE("settings are read from JSON and checked") {
   CHECK(settings_error(R"({"threads": "2"})") == "threads: an integer is expected");
   CHECK(settings_error(R"({"reject": 1})") == "reject: true or false is expected");
   CHECK(settings_error(R"({"holdout": 1})") == "holdout: 1 is not in 2 .. 1000");
-  CHECK(settings_error(R"({"noise": "a", "noise": "b"})").find("stands twice") !=
+  CHECK(settings_error(R"({"noise": "a", "noise": "b"})").find("occurs twice") !=
         std::string::npos);
 }
 

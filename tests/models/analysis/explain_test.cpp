@@ -91,7 +91,7 @@ TEST_CASE("explain: the last joint's offset and the roll of what it holds") {
   CHECK(w.reason == "same_axis");
   CHECK(has(w.why, "same axis"));
   CHECK(has(w.why, "whatever the posture"));
-  CHECK(has(w.cure, "hold "));
+  CHECK(has(w.cure, "fix "));
   CHECK(w.joints.empty());
   CHECK(names(w, "joint/c/offset"));
   CHECK(names(w, "target/marks/pose.rx"));
@@ -152,7 +152,7 @@ TEST_CASE("explain: a single point, and points on a line") {
   REQUIRE(r.explanation.weak.size() == (single ? 3u : 1u));
   for (const WeakDirection& w : r.explanation.weak) {
     CHECK(w.reason == "on_axis");
-    CHECK(has(w.why, "lies on the axis"));
+    CHECK(has(w.why, "lie on the axis"));
     CHECK(has(w.cure, "points beside this axis"));
   }
   CHECK(r.explanation.weak[0].parameters[0].first == "target/marks/pose.rx");
@@ -196,7 +196,7 @@ TEST_CASE("explain: nothing depends on it") {
       run(rig, samples_of(rig, {{"tracker", "marks"}}, 6), {"joint/b/offset", "joint/idle/offset"});
   REQUIRE(r.explanation.weak.size() == 1);
   CHECK(r.explanation.weak[0].reason == "nothing_depends");
-  CHECK(has(r.explanation.weak[0].why, "nothing that is measured depends on joint/idle/offset"));
+  CHECK(has(r.explanation.weak[0].why, "no measurement depends on joint/idle/offset"));
   const auto still = samples_of(rig, {{"tracker", "marks"}}, 6, [&](TruePosture& p, Random&) {
     p.readings[joint_index(rig, "b")] = 0;
   });

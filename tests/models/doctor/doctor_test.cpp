@@ -301,7 +301,7 @@ TEST_CASE("doctor: a board that was moved is named, with the sample and how far"
     REQUIRE(ids(d) == Ids{"moved-target"});
     CHECK(names_of(d.findings[0].where) == Ids{"board", e.samples[from].id});
     const std::string text = sentences(d.findings[0]);
-    CHECK(std::stod(text.substr(text.find("moved by ") + 9)) == Approx(10).margin(0.5));  // mm
+    CHECK(std::stod(text.substr(text.find(": by ") + 5)) == Approx(10).margin(0.5));  // mm
     CHECK_THAT(text, Catch::Contains(" mm and 2"));
   }
 }

@@ -1073,14 +1073,14 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   CHECK_THAT(
       words,
       Catch::Matchers::Contains(
-          "sensor/gauge/pose is absent from the rig and a sensor of type height gives no pose"));
+          "sensor/gauge/pose is missing in the rig and a sensor of type height gives no pose"));
 
   for (Sample& sample : samples) sample.views[0].target = target_index(rig, "board");
   const Solution solution = solution_of(rig, samples);
   CHECK(solution.status == Status::undefined_start);
-  CHECK_THAT(
-      solution.message,
-      Catch::Matchers::Contains("target 'board': what sees it (height) does not tell where it is"));
+  CHECK_THAT(solution.message,
+             Catch::Matchers::Contains(
+                 "target 'board': what sees it (height) does not determine its pose"));
 }
 
 TEST_CASE(
@@ -1164,8 +1164,8 @@ TEST_CASE("calibration: where views of three points leave a pose without start, 
     CHECK(lost_start_text(ended, "sensor/camera/pose").empty());
     ended.status = Status::not_converged;
     CHECK_THAT(lost_start_text(ended, "sensor/camera/pose"),
-               Catch::Matchers::Contains("is absent from the rig and is seen by views of three "
-                                         "points at most, each of which fits several poses"));
+               Catch::Matchers::Contains("is missing in the rig and is seen only by views of at "
+                                         "most three points, and each view fits several poses"));
     CHECK_THAT(lost_start_text(ended, "sensor/that_sees_nothing/pose"),
                Catch::Matchers::Contains("nothing with a known pose ties it down"));
   }

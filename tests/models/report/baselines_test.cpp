@@ -198,6 +198,6 @@ TEST_CASE("readings that are wrong in training alone: worse than the mounts, and
   for (const Notice& w : report.warnings)
     if (w.kind == NoticeKind::held_out) {
       CHECK(sentences(w).find("sensor 'tracker'") != std::string::npos);
-      CHECK(sentences(w).find("Too many parameters are free") != std::string::npos);
+      CHECK(sentences(w).find("Too many parameters are estimated") != std::string::npos);
     }
 }

@@ -89,7 +89,7 @@ TEST_CASE("verdict: good, doubts, and no") {
 
   // What was found, or a group far from usual, goes before poses that are loose because of it.
   const std::vector<ParameterEstimate> loose = report.solution.parameters;
-  const std::string besides = "Only then does it count that 3 parameters are known to no better";
+  const std::string besides = "Only then consider that 3 parameters are known to no better";
   report = converged(1);
   report.solution.parameters = loose;
   report.automatic.resize(1);
@@ -105,7 +105,7 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.solution.message = sentences(*loose_parameters(report));
   CHECK(judged(report).use == "no");
   CHECK_THAT(words(report), StartsWith("a mistake was found, home-position: joint 'a' counts from "
-                                       "elsewhere. The result may have taken it up. "));
+                                       "elsewhere. The result may have absorbed it. "));
   CHECK_THAT(words(report), Contains(besides));
 
   report = converged(1);
@@ -133,7 +133,7 @@ TEST_CASE("verdict: a model that does not explain the data") {
   Report report = converged(99);
   CHECK(unexplained(report).empty());
   report = converged(101);
-  CHECK_THAT(unexplained(report), Contains("Noise stated too small is likelier"));
+  CHECK_THAT(unexplained(report), Contains("An understated noise is likelier"));
   report.misfits.samples = {{100, "'s3'"}};
   CHECK_THAT(unexplained(report), Contains("(far larger residuals than the others have 's3')"));
   report.diagnosis = Diagnosis{};
@@ -146,7 +146,7 @@ TEST_CASE("verdict: a model that does not explain the data") {
   CHECK(unexplained(report).empty());  // no fit says that it explains anything
   report.diagnosis->findings[0].chi2_corrected = 1000;
   CHECK_THAT(unexplained(report),
-             Contains("A mistake is likelier than noise stated too small: square: the size"));
+             Contains("A mistake is likelier than an understated noise: square: the size"));
   report.solution.chi2_data = 24000;
   CHECK(unexplained(report).empty());
   report.solution.chi2_data = 1e6;
@@ -172,12 +172,12 @@ TEST_CASE("warnings: one of a kind, counted, the worst in words") {
   CHECK(sentences(report.warnings[0]) ==
         "7 parameters are more than 3 prior sigmas from their priors, worst joint/j4/offset is "
         "-9.0 prior sigmas from its prior; then joint/j0/offset, joint/j1/offset, joint/j2/offset "
-        "and 3 more. What to do: see which of the two is wrong, the prior or the data");
+        "and 3 more. What to do: check which of the two is wrong, the prior or the data");
   CHECK(report.warnings[0].where.size() == 7);
   report.solution.parameters.resize(1);
   judged(report);
   CHECK(sentences(report.warnings[0]) ==
-        "joint/j0/offset is 4.0 prior sigmas from its prior. What to do: see which of the two is "
+        "joint/j0/offset is 4.0 prior sigmas from its prior. What to do: check which of the two is "
         "wrong, the prior or the data");
 }
 
@@ -222,10 +222,10 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   CHECK(ids(report) == Names{"width", "duplicates"});
   CHECK(verdict.use == "doubts");
   CHECK(verdict.about == std::vector<NoticeKind>{NoticeKind::width});
-  CHECK(verdict.why == "parameters of group 'offsets' are off by 17 times as much as usual");
-  CHECK(verdict.reasons == Names{"they may take up a mistake in the rig or the data"});
+  CHECK(verdict.why == "parameters of group 'offsets' are off by 17 times the usual amount");
+  CHECK(verdict.reasons == Names{"they may absorb a mistake in the rig or the data"});
   REQUIRE(verdict.next.size() == 2);
-  CHECK_THAT(verdict.next[0], StartsWith("compare what the rig says of these parameters"));
+  CHECK_THAT(verdict.next[0], StartsWith("compare the rig's values of these parameters"));
   CHECK(verdict.see == std::vector<NoticeKind>{NoticeKind::duplicates});
 
   report.diagnosis->findings[0].severity = Severity::doubt;  // much of the data

@@ -709,7 +709,7 @@ TEST_CASE("truth files", "[simulation]") {
   CHECK_THAT(error("\"sensor/left_arm/pose.x\": {\"true\": 1, \"sigma\": 1}"),
              Contains("unknown key 'sigma'"));
   CHECK_THAT(error("\"sensor/left_arm/pose\": [1, 2, 3, 4, 5, 6], \"sensor/left_arm/pose.rz\": 1"),
-             Contains("stands twice"));
+             Contains("occurs twice"));
   CHECK_THAT(error("\"joint/head_pan_joint/scale\": 0"),
              Contains("t.json:3: ") && Contains("a scale is not 0"));
   CHECK_THAT(error("\"target/small_board/square\": -1"), Contains("greater than 0"));
@@ -767,7 +767,7 @@ TEST_CASE("posture files", "[simulation]") {
              Contains("unknown key 'ids'"));
   const std::string place = ", \"targets\": {\"large_board\": {\"xyz\": [1, 2, 3]}}",
                     view = "{\"sensor\": \"wide_left\", \"target\": \"large_board\"}";
-  CHECK_THAT(with(view + ", " + view, place), Contains("views[1]: the view stands twice"));
+  CHECK_THAT(with(view + ", " + view, place), Contains("views[1]: the view occurs twice"));
   CHECK_THAT(with(view, ", \"targets\": {\"large_boar\": {}}"),
              Contains("targets.large_boar") && Contains("nearest: large_board"));
   CHECK_THAT(with(view, ", \"targets\": {\"large_board\": {\"xy\": 1}}"),

@@ -118,8 +118,8 @@ TEST_CASE("restarts: two minima that are equally good", "[restarts]") {
     CHECK(d.second == Approx((elbow ? mirrored : -mirrored / 2) / result.parameters[elbow].sigma[0])
                           .epsilon(1e-3));
   }
-  CHECK_THAT(result.warning, Contains("as good as this result") && Contains("joint/elbow/offset") &&
-                                 Contains("of 30"));
+  CHECK_THAT(result.warning, Contains("with the same cost as this result") &&
+                                 Contains("joint/elbow/offset") && Contains("of 30"));
 }
 
 TEST_CASE(

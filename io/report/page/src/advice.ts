@@ -53,10 +53,10 @@ export function nextSteps(result: Result): Advice[] {
     add(notice.otherwise ? `${notice.cure}; ${notice.otherwise}` : notice.cure, notice.what);
   }
   if (result.verdict?.use === 'good')
-    add('Use it: copy robot.urdf to the robot; changes.yaml has the same numbers for a robot from xacro.');
+    add('Use it: copy robot.urdf to the robot; changes.yaml has the same values for a robot built from xacro.');
   const validation = result.validation ?? {};
   if (!result.kind && result.verdict?.use !== 'no' && !validation.test && !validation.cross_validation)
-    add('Check it on data that the fit has not seen: --holdout 4 or --cross-validate 5. So far nothing is held out.');
+    add('Check it on held-out data: --holdout 4 or --cross-validate 5. So far nothing is held out.');
   return steps;
 }
 
@@ -97,18 +97,18 @@ export function heldLines(result: Result): HeldLine[] {
   const undetermined = of('undetermined'), noGain = of('no_gain');
   const others = (result.held ?? []).filter((h) => h.reason !== 'undetermined' && h.reason !== 'no_gain');
   if (undetermined.length)
-    lines.push({ text: `These data do not determine ${plural(undetermined.length, 'number')}, which stay as the rig has them`, names: undetermined });
+    lines.push({ text: `These data do not determine ${plural(undetermined.length, 'parameter')}, which keep their nominal values`, names: undetermined });
   if (noGain.length)
-    lines.push({ text: `Nothing speaks against the nominal values of ${plural(noGain.length, 'number')}, which stay as the rig has them`, names: noGain });
-  if (others.length) lines.push({ text: `${plural(others.length, 'number')} held`, names: others.map((h) => h.parameter) });
+    lines.push({ text: `There is no evidence of error in ${plural(noGain.length, 'parameter')}, which keep their nominal values`, names: noGain });
+  if (others.length) lines.push({ text: `${plural(others.length, 'parameter')} fixed`, names: others.map((h) => h.parameter) });
   if (!result.held) {
     const zero = components(result).filter((c) => c.sigma === 0).map((c) => c.name);
-    if (zero.length) lines.push({ text: `${plural(zero.length, 'number')} of what is estimated in part or in earlier steps, held in the last one`, names: zero });
+    if (zero.length) lines.push({ text: `${plural(zero.length, 'component')} fixed in the last step (partly estimated, or estimated in earlier steps)`, names: zero });
     const unused = [...new Set((result.steps ?? []).flatMap((step) => step.unused ?? []))];
-    if (unused.length) lines.push({ text: `${plural(unused.length, 'name')} freed in vain: no measurement depends on them`, names: unused });
+    if (unused.length) lines.push({ text: `${plural(unused.length, 'name')} without effect: no measurement depends on them`, names: unused });
     const kinds = heldKinds(result);
-    if (kinds) lines.push({ text: `No step of the rig frees the ${kinds}: they count as exact`, names: [] });
-    else if (!result.scene) lines.push({ text: 'What no step of the rig frees counts as exact', names: [] });
+    if (kinds) lines.push({ text: `No step of the rig estimates the ${kinds}: they count as exact`, names: [] });
+    else if (!result.scene) lines.push({ text: 'Parameters that no step of the rig estimates count as exact', names: [] });
   }
   return lines;
 }

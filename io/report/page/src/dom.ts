@@ -34,7 +34,7 @@ export function download(name: string, text: string): void {
 export function csvButton(name: string, rows: () => Rows): HTMLElement {
   const file = `${name.replace(/[^A-Za-z0-9._-]+/g, '_').slice(0, 80)}.csv`;
   return h('button', {
-    type: 'button', class: 'csv', title: `Download the numbers: ${file}`, 'aria-label': `Download ${file}`,
+    type: 'button', class: 'csv', title: `Download the data: ${file}`, 'aria-label': `Download ${file}`,
     click: () => download(file, csv(rows())),
   }, 'CSV');
 }

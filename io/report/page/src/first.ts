@@ -63,7 +63,7 @@ export function pooled(rows: BeforeAfter[], typeOf: (sensor: string) => string |
 }
 
 const sources = {
-  test: 'on data held out from the fit', cross_validation: 'cross-validated: each sample judged by a fit without it',
+  test: 'on data held out from the fit', cross_validation: 'cross-validated: each sample tested with a fit without it',
   train: 'on the data of the fit itself; nothing was held out',
 };
 
@@ -119,8 +119,8 @@ export function fitCard(result: Result): HTMLElement {
     h('p', { class: 'figure' }, h('b', {}, digits(ratio)), h('span', {}, ' chi²/dof')),
     ratio !== null ? gauge(ratio, ok) : null,
     h('p', { class: 'small' }, noise
-      ? `1 means: what is left over is as large as the noise. It was estimated from these data, so near 1 proves little${noise.stated == null ? '' : `; with what the rig states chi²/dof is ${digits(noise.stated)}`}.`
-      : `1 means: what is left over is as large as the noise that the rig states. Here ${word}.`));
+      ? `1 means: the residuals are as large as the noise. The noise was estimated from these data, so near 1 proves little${noise.stated == null ? '' : `; with the noise stated in the rig chi²/dof is ${digits(noise.stated)}`}.`
+      : `1 means: the residuals are as large as the noise stated in the rig. Here ${word}.`));
 }
 
 /** Sigmas take the noise for as large as it is stated: where the residuals are larger, so is what is not known. */
@@ -128,7 +128,7 @@ function beliefInSigmas(result: Result): Child {
   const ratio = chi2PerDof(result);
   if (ratio === null || fitWord(result).ok) return null;
   return h('p', { class: 'small' }, h('b', {}, ratio > 1 ? `Too small, by ${digits(Math.sqrt(ratio), 2)} times and more: ` : 'Rather too large: '),
-    'it takes the noise for as large as the rig states it.');
+    'it assumes the noise stated in the rig.');
 }
 
 function weakCard(result: Result): HTMLElement {
@@ -142,16 +142,16 @@ function weakCard(result: Result): HTMLElement {
         : h('b', {}, `± ${size(weak.sigma, weak.unit)}`)),
       h('p', { title: names[0] }, plainName(names[0] ?? ''),
         names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that move along)` : ''),
-      h('p', { class: 'small' }, weak.sigma === null ? 'The data do not tell this number at all. '
+      h('p', { class: 'small' }, weak.sigma === null ? 'The data do not determine this component at all. '
         : 'One standard deviation, from the data alone. ', h('a', { href: '#weak' }, 'Why, and what helps')), beliefInSigmas(result));
   }
-  if (!least) return h('div', { class: 'card' }, title, h('p', {}, 'No number was estimated.'));
+  if (!least) return h('div', { class: 'card' }, title, h('p', {}, 'No parameter was estimated.'));
   return h('div', { class: 'card' }, title,
     h('p', { class: 'figure' }, h('b', {}, least.sigma === null ? 'not determined' : `± ${size(least.sigma, least.unit)}`)),
     h('p', { title: least.name }, plainName(least.name)),
-    h('p', { class: 'small' }, least.sigma === null ? 'The data do not tell this number. '
-      : badlyKnown(result).length ? `The number known worst (one standard deviation); ${plural(badlyKnown(result).length, 'number')} known to no better than 1 cm, 1° or 1 %. `
-      : 'The number known worst (one standard deviation). All are known to better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All numbers')), beliefInSigmas(result));
+    h('p', { class: 'small' }, least.sigma === null ? 'The data do not determine this component. '
+      : badlyKnown(result).length ? `The least certain component (one standard deviation); ${plural(badlyKnown(result).length, 'component')} no better than 1 cm, 1° or 1 %. `
+      : 'The least certain component (one standard deviation). All are better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All components')), beliefInSigmas(result));
 }
 
 /** The two lines that say it all, in their colour: whether to use it and why; what to do. */
@@ -169,7 +169,7 @@ export function actions(title: string, steps: Advice[], held: HeldLine[], nothin
       steps.length ? h('ol', { class: 'todo' }, ...steps.slice(0, 6).map((step) =>
         h('li', {}, step.text, step.why ? h('span', { class: 'small' }, ` (${step.why})`) : null)))
         : h('p', {}, nothing)),
-    held.length ? h('div', {}, h('h2', {}, 'What was held, and why'),
+    held.length ? h('div', {}, h('h2', {}, 'Fixed parameters, and why'),
       h('ul', { class: 'held' }, ...held.map((line) => h('li', {}, heldSentence(line),
         line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them, as the rig calls them'),
           h('p', { class: 'names' }, line.names.join(', '))) : null)))) : null);
@@ -184,8 +184,8 @@ export function firstScreen(context: Context): HTMLElement {
   const reasons = verdict?.reasons ?? [];
   return h('div', { class: 'first', id: 'verdict' },
     judgement(verdict ? { use: verdict.use, ...words[verdict.use] } : { use: 'unknown', sign: '…', word: 'No verdict.' },
-      why ? sentence(why) : `Status: ${result.status ?? 'not told'}.`, `What to do: ${sentence(first ?? 'nothing')}`),
+      why ? sentence(why) : `Status: ${result.status ?? 'unknown'}.`, `What to do: ${sentence(first ?? 'nothing')}`),
     h('div', { class: 'cards' }, beforeAfterCard(context), fitCard(result), weakCard(result)),
     reasons.length ? h('div', { class: 'reasons' }, h('h2', {}, 'Why'), h('ul', { class: 'held' }, ...reasons.map((reason) => h('li', {}, sentence(capital(reason)))))) : null,
-    actions('Then', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'Nothing was held', names: [] }], 'Nothing else.'));
+    actions('Then', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'No parameter was fixed', names: [] }], 'Nothing else.'));
 }

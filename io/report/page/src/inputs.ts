@@ -36,15 +36,15 @@ function evaluationScreen(context: Context): HTMLElement {
     judgement(look, `chi²/dof is ${digits(chi2PerDof(result))}: ${word}.`, 'Residuals at the rig’s own values; nothing was calibrated.'),
     h('div', { class: 'cards' },
       errorCard('Errors', ['explained', 'in use'], pooledErrors(context, (row) => [row.errors?.rms, row.errors?.rms_as_read]),
-        'RMS; explained: errors of joint readings taken out; in use: as the robot’s own software sees it.'),
+        'RMS; explained: without errors of joint readings; in use: as the robot’s own software sees it.'),
       fitCard(result), worstSample(context)),
-    actions('What to do next', steps, [], ok ? 'Nothing.' : 'Calibrate with these samples, or ask kincal check what is wrong.'));
+    actions('What to do next', steps, [], ok ? 'Nothing.' : 'Calibrate with these samples, or run kincal check to find the mistake.'));
 }
 
 // ---- check
 // Sums of squares as they are: what a mistake leaves out of the fit has taken degrees of freedom with it, and how many
 // is not told.
-const expected = ({ dof }: Result) => (dof ? `Some ${Number(dof.toPrecision(2)).toLocaleString('en-US')} are expected where nothing else is wrong.` : '');
+const expected = ({ dof }: Result) => (dof ? `Some ${Number(dof.toPrecision(2)).toLocaleString('en-US')} are expected if there is no other mistake.` : '');
 
 function checkScreen(context: Context): HTMLElement {
   const { result } = context;
@@ -53,14 +53,14 @@ function checkScreen(context: Context): HTMLElement {
     ? { use: 'no', sign: '✕', word: findings.length === 1 ? 'A mistake was found.' : `${plural(findings.length, 'mistake')} were found.` }
     : result.explained ? { use: 'good', sign: '✓', word: 'Nothing found.' }
     : { use: 'doubts', sign: '?', word: 'None of the usual mistakes explains the data.' };
-  const todo = { good: 'These samples can be calibrated with.', no: 'Mend what is named, then check again.', doubts: 'What is wrong is none of those that were looked for.', unknown: '' };
+  const todo = { good: 'These samples can be used for a calibration.', no: 'Correct the findings, then check again.', doubts: 'There is a mistake that is not among the usual ones.', unknown: '' };
   const best = findings.find((finding) => typeof finding.chi2_corrected === 'number');
   const points = context.residuals.length;
   return h('div', { class: 'first', id: 'verdict' },
     judgement(look, capital(result.said ?? ''), todo[look.use]),
     h('div', { class: 'cards' },
       chi2PerDof(result) === null ? h('div', { class: 'card' }, h('h2', {}, 'Residuals against the stated noise'), h('p', {}, 'As it is, no fit can start.')) : fitCard(result),
-      findings.length === 0 ? null : h('div', { class: 'card' }, h('h2', {}, 'With what was found undone'),
+      findings.length === 0 ? null : h('div', { class: 'card' }, h('h2', {}, 'With the findings corrected'),
         best ? h('p', { class: 'figure' }, h('b', {}, digits(best.chi2_corrected)), h('span', {}, ' chi²')) : h('p', {}, 'No fit is concerned.'),
         best ? h('p', { class: 'small' }, `${best.id}. ${typeof best.chi2_as_is === 'number' ? `${digits(best.chi2_as_is)} as it is. ` : ''}${expected(result)}`) : null),
       h('div', { class: 'card' }, h('h2', {}, 'Looked at'),
@@ -77,7 +77,7 @@ function bar(value: number | null, most: number): Child {
 }
 
 function findingsSection(result: Result): Section {
-  return section('findings', 'What was found',
+  return section('findings', 'Findings',
     `Each mistake was undone and the samples fitted again: the more the sum of squared residuals (chi²) falls, the surer it is. ${expected(result)}`,
     (host) => {
       const findings = result.findings ?? [];
@@ -86,16 +86,16 @@ function findingsSection(result: Result): Section {
       const most = Math.max(...findings.map((finding) => as(finding) ?? 0), 1);
       host.append(dataTable(findings, [
         { title: 'Mistake', cell: (row) => h('span', { class: 'nowrap' }, row.id), value: (row) => row.id },
-        { title: 'What, and what undoes it', cell: (row) => row.text },
+        { title: 'Finding and correction', cell: (row) => row.text },
         { title: 'Where', cell: (row) => list(row.where ?? []) || none },
         { title: 'chi² as it is', cell: (row) => h('div', { class: 'barred' }, digits(as(row)), bar(as(row), most)), value: as, numeric: true },
         { title: 'undone', cell: (row) => h('div', { class: 'barred' }, digits(undone(row)), bar(undone(row), most)), value: undone, numeric: true },
-      ], { caption: 'Findings, what explains most first; bars are logarithmic.', file: 'findings' }));
+      ], { caption: 'Findings, those that explain most first; bars are logarithmic.', file: 'findings' }));
     });
 }
 
 function testedSection(result: Result): Section {
-  return section('tested', 'What was looked for', 'Kinds of mistakes; what each means stands in docs/doctor.md. Something else may still be wrong.',
+  return section('tested', 'Mistakes tested', 'Kinds of mistakes, described in docs/doctor.md. Other mistakes are possible.',
     (host) => {
       const found = new Set((result.findings ?? []).map((finding) => finding.id));
       const ids = [...new Set([...found, ...(result.tested ?? [])])];

@@ -12,8 +12,8 @@ import { weakness } from './advice';
 const unitTitles: Record<string, string> = { m: 'Lengths (mm)', rad: 'Angles (mrad)', px: 'Lens (px)', '': 'Scales and lens coefficients (no unit)' };
 
 export function changesSection(context: Context): Section {
-  return section('changes', 'What the calibration changed',
-    'Each estimated number against what the rig had: the dot is the change, the thick bar one standard deviation, the thin one three. A bar that crosses zero: the change could be chance. A long bar: the data know little.',
+  return section('changes', 'Changes by the calibration',
+    'Each estimated component against its value in the rig: the dot is the change, the thick bar one standard deviation, the thin bar three. If a bar crosses zero, the change may be chance. A long bar is an uncertain component.',
     (host) => {
       const open = openPoses(context.result);
       const all = components(context.result).filter((c) => c.sigma !== 0 && !open.has(c.parameter));
@@ -23,7 +23,7 @@ export function changesSection(context: Context): Section {
       }
       const found = openTable(context.result, open);
       if (found) host.append(found);
-      if (!all.length && !found) host.append(missing('The result has no estimated numbers.'));
+      if (!all.length && !found) host.append(missing('The result has no estimated parameters.'));
     }, 400);
 }
 
@@ -46,9 +46,9 @@ function openTable(result: Result, open: Set<string>): HTMLElement | null {
     ...['roll', 'pitch', 'yaw'].map((angle, i) => ({
       title: `${angle} (°)`, numeric: true, cell: ([, p]: Row) => digits((rollPitchYaw(p.pose!.quat)[i] * 180) / Math.PI, 4), value: ([, p]: Row) => (rollPitchYaw(p.pose!.quat)[i] * 180) / Math.PI,
     })),
-    { title: 'Known to ±', hint: 'One standard deviation of the place and of the turn', numeric: true, cell: (row) => [size(sigma(row, 0), 'm'), size(sigma(row, 3), 'rad')].join(', '), value: (row) => sigma(row, 0) },
+    { title: 'Known to ±', hint: 'One standard deviation of position and rotation', numeric: true, cell: (row) => [size(sigma(row, 0), 'm'), size(sigma(row, 3), 'rad')].join(', '), value: (row) => sigma(row, 0) },
   ], {
-    caption: 'Poses that the rig leaves open: found from the data alone, so nothing changed.', file: 'found_poses',
+    caption: 'Poses without a value in the rig: found from the data alone, so there is no change.', file: 'found_poses',
     row: (element, [name]) => { element.dataset.part = name.slice(0, name.lastIndexOf('/')); },
   });
 }
@@ -79,21 +79,21 @@ function changeTable(rows: Component[], unit: string): HTMLElement {
     { title: '± sigma', cell: (c) => (c.sigma === null ? 'not determined' : digits(c.sigma * u.factor, 2)), value: (c) => c.sigma === null ? null : c.sigma * u.factor, numeric: true },
     { title: 'Change in sigmas', cell: (c) => digits(significance(c), 2), value: significance, numeric: true },
     { title: `−${digits(most, 2)} … 0 … ${digits(most, 2)} ${u.name}`, cell: drawing, drawing: true },
-  ], { caption: `${unitTitles[unit] ?? unit}, the largest change first. A mount counts as a move from where the rig has it, in its own axes.`, file: `changes_${unit || 'other'}`, most: 16, row: markPart });
+  ], { caption: `${unitTitles[unit] ?? unit}, the largest change first. A mount is shown as a motion from its nominal pose, in its own axes.`, file: `changes_${unit || 'other'}`, most: 16, row: markPart });
 }
 
 export function sigmasSection(context: Context): Section {
-  return section('sigmas', 'How well each number is known',
-    'The numbers known worst, as one standard deviation, against 1 cm, 1°, 1 % and 1 px, from where on a number counts as weak. It says nothing about what the model lacks.',
+  return section('sigmas', 'Uncertainty of each component',
+    'The least certain components, as one standard deviation, against the limits for weak components: 1 cm, 1°, 1 % and 1 px. Model errors are not included.',
     (host) => {
       const all = components(context.result).filter((c) => c.sigma !== 0 && !/\/distortion\./.test(c.name));
-      if (!all.length) return void host.append(missing('The result has no estimated numbers.'));
+      if (!all.length) return void host.append(missing('The result has no estimated parameters.'));
       const rank = (c: Component) => (c.sigma === null ? Infinity : weakness(c.sigma, c.unit));
       const rows = [...all].sort((a, b) => rank(b) - rank(a));
       host.append(dataTable(rows, [
         { title: 'Number', cell: (c) => h('span', { title: c.name }, plainName(c.name)), value: (c) => c.name },
         { title: 'Known to ±', cell: (c) => (c.sigma === null ? 'not determined' : size(c.sigma, c.unit, 3)), value: (c) => c.sigma, numeric: true },
-        { title: 'Share of what counts as weak', cell: (c) => (c.sigma === null ? none : `${digits(100 * rank(c), 2)} %`), value: rank, numeric: true },
+        { title: 'Share of the limit', cell: (c) => (c.sigma === null ? none : `${digits(100 * rank(c), 2)} %`), value: rank, numeric: true },
         { title: '', cell: (c) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
           svg('rect', { x: 0, y: 1, width: Math.min(100, 100 * rank(c)), height: 8 })), drawing: true },
       ], { caption: 'Standard deviations, the weakest first.', file: 'sigmas', most: 12, row: markPart }));
@@ -121,7 +121,7 @@ export function strongest(correlation: (number | null)[][], count: number): [num
 
 function matrix(names: string[], correlation: (number | null)[][]): HTMLElement {
   const n = names.length;
-  const canvas = h('canvas', { class: 'matrix', role: 'img', tabindex: 0, 'aria-label': `Correlation matrix of ${n} numbers. The strongest pairs stand in the table below.` });
+  const canvas = h('canvas', { class: 'matrix', role: 'img', tabindex: 0, 'aria-label': `Correlation matrix of ${n} components. The strongest pairs are in the table below.` });
   const reading = h('p', { class: 'small reading' }, 'Point at a cell to read it.');
   const at = (i: number, j: number) => (i >= j ? correlation[i]?.[j] : correlation[j]?.[i]) ?? null;
   const draw = () => {
@@ -158,28 +158,28 @@ function matrix(names: string[], correlation: (number | null)[][]): HTMLElement 
 }
 
 export function correlationSection(context: Context): Section {
-  return section('correlation', 'Which numbers hang together',
-    'Correlations of the estimated numbers: blue together, orange against each other, pale independent. Strong ones between numbers that are known well are no harm, if both are used together; between numbers known badly they say what one could hold.',
+  return section('correlation', 'Correlations',
+    'Correlations of the estimated components: blue positive, orange negative, pale independent. Strong correlations of certain components do no harm if both are used together; for uncertain components they show which one could be fixed.',
     (host) => {
       const covariance = context.report.covariance;
       if (!covariance?.names?.length || !covariance.correlation) return void host.append(missing('The correlations are not in this file.'));
       const { names, correlation } = covariance;
       const pairs = strongest(correlation, 40);
       const csv = () => [['', ...names], ...names.map((name, i) => [name, ...(correlation[i] ?? []).map((r) => (r === null ? null : r / 1000))])];
-      host.append(h('div', { class: 'side' }, h('figure', { class: 'plot' }, h('figcaption', {}, h('span', {}, `${plural(names.length, 'number')}, in the order of covariance.csv`), csvButton('correlations', csv)), matrix(names, correlation)),
+      host.append(h('div', { class: 'side' }, h('figure', { class: 'plot' }, h('figcaption', {}, h('span', {}, `${plural(names.length, 'component')}, in the order of covariance.csv`), csvButton('correlations', csv)), matrix(names, correlation)),
         pairs.length ? dataTable(pairs, [
           { title: 'Number', cell: ([i]) => h('span', { title: names[i] }, plainName(names[i])), value: ([i]) => names[i] },
           { title: 'with', cell: ([, j]) => h('span', { title: names[j] }, plainName(names[j])), value: ([, j]) => names[j] },
           { title: 'Correlation', cell: ([, , r]) => digits(r / 1000, 3), value: ([, , r]) => r / 1000, numeric: true },
         ], { caption: 'The strongest pairs (above 0.5 in size).', file: 'strong_correlations', most: 14 })
-          : missing('No two numbers are correlated above 0.5.')));
+          : missing('No two components are correlated above 0.5.')));
     }, 400);
 }
 
 // ---- coverage
 export function coverageSection(context: Context): Section {
-  return section('coverage', 'Where the recording went',
-    'Where joints and images were looked at. Empty stretches within a joint’s limits (dashed) and empty cells of an image are places that the calibration predicts without having seen them.',
+  return section('coverage', 'Coverage of the recording',
+    'Joint ranges and image regions covered by the samples. In empty parts of a joint’s range (limits dashed) and in empty cells of an image the calibration extrapolates.',
     (host) => {
       const joints = Object.entries(context.samples.joints ?? {});
       const links = new Map((context.result.scene?.links ?? []).map((l) => [l.joint, l]));

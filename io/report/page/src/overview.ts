@@ -108,13 +108,13 @@ export function overviewSections(data: Overview): Section[] {
       { title: 'Largest change', cell: change },
     ], { caption: 'All results, the worst first.', file: 'overview', most: 200 })), 100);
   const doubts = rows.filter((row) => row.verdict?.use !== 'good');
-  const why = section('why', 'What is wrong where', 'The program’s own words for every result that is not good.',
+  const why = section('why', 'Problems', 'The program’s verdict for every result that is not good.',
     (host) => host.append(dataTable(doubts, [
       { title: 'Result', cell: (row) => folder(row), value: (row) => row.folder },
       { title: 'Verdict', cell: (row) => h('span', { class: 'nowrap' }, word(row)), value: word },
       { title: 'Why, and what to do', cell: (row) => row.verdict?.text ?? none },
     ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 })));
-  const where = section('origins', 'What the errors were measured on', 'Held-out data are the judge; errors on the data of the fit itself are too small.',
+  const where = section('origins', 'Data of the errors', 'Held-out data count; errors on the data of the fit itself are too small.',
     (host) => host.append(dataTable(rows.flatMap((row) => Object.entries(row.sensors ?? {}).map(([sensor, s]) => ({ row, sensor, s }))), [
       { title: 'Result', cell: (r) => folder(r.row), value: (r) => r.row.folder }, { title: 'Sensor', cell: (r) => r.sensor },
       { title: 'Before', cell: (r) => quantity(r.s.before, r.s.unit), value: (r) => r.s.before, numeric: true },

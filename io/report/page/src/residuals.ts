@@ -84,7 +84,7 @@ const everyWritten = (result: Result) => result.loops_csv?.every ?? 1;
 
 export function loopsSection(context: Context): Section {
   return section('loops', 'Do the sensors agree?',
-    'A point that one sensor sees is carried through the robot into another sensor and compared with what that one sees. Nothing is fitted in between, so this is what a task feels that looks with one and acts with the other. Before: open orange squares; after: blue. Click a point to see its sample everywhere.',
+    'A point seen by one sensor is transformed through the robot into another sensor and compared with its measurement there. Nothing is fitted in between, so a task that looks with one and acts with the other has this error. Before: open orange squares; after: blue. Click a point to see its sample everywhere.',
     (host) => {
       const pairs = context.result.loops ?? [];
       if (!pairs.length) return void host.append(missing('No two sensors see the same target in one sample, or the run was made without a report.'));
@@ -315,7 +315,7 @@ function scatterBefore(context: Context, sensor: SensorViews): HTMLElement {
 
 export function sensorsSection(context: Context): Section {
   return section('residuals', 'Residuals of each sensor',
-    `${context.result.kind ? 'What is' : 'What is left after the fit,'} predicted minus measured. Good: a round cloud without a pattern over the image, over range or over samples, and bars that follow the curve of the stated noise.`,
+    `${context.result.kind ? 'Residuals:' : 'Residuals after the fit:'} predicted minus measured. Good: a round cloud without a pattern over the image, over range or over samples, and bars that follow the curve of the stated noise.`,
     (host) => {
       const all = sensorViews(context).filter((sensor) => sensor.rows.length);
       if (!all.length) return void host.append(missing('The residuals are not in this file (calibrated with --no-report?).'));
@@ -397,7 +397,7 @@ function jointUnit(context: Context, joint: string): { factor: number; name: str
 const plain = (values: (number | null)[], factor: number) => Float64Array.from(values, (v) => (v === null ? NaN : v * factor));
 
 export function jointsSection(context: Context): Section {
-  return section('joints', 'What the joints did',
+  return section('joints', 'Joint errors',
     'The error of each reading that the fit had to assume, over the reading. Good: a level band around zero, about as wide as the dashed lines (the stated noise). Two bands: backlash. A wave: an eccentric encoder or a link that bends. A slope: a wrong gear.',
     (host) => {
       const errors = Object.entries(context.samples.errors ?? {});

@@ -96,7 +96,7 @@ export function validationSection(context: Context): Section | null {
   const validation = context.result.validation ?? {};
   if (!validation.baselines && !validation.frames && !validation.requirements) return null;
   return section('validation', 'Is it better where it did not look?',
-    'Simpler calibrations on the same held-out data, tolerances that were asked for, and how well chosen frames are predicted. A ratio above 1 means: the simpler one is better.',
+    'Simpler calibrations on the same held-out data, required tolerances, and the predicted errors of chosen frames. A ratio above 1 means: the simpler one is better.',
     (host) => {
       if (validation.requirements)
         host.append(dataTable(validation.requirements, [
@@ -130,8 +130,8 @@ export function validationSection(context: Context): Section | null {
 }
 
 export function weakSection(context: Context): Section {
-  return section('weak', 'What the data do not tell well',
-    'Each card is a motion that changes hardly any measurement: these numbers can be off together as far as it says, and nobody would see it in the residuals.',
+  return section('weak', 'Poorly determined by the data',
+    'Each card is a motion that changes hardly any measurement: these components can be wrong together by the amounts shown without effect on the residuals.',
     (host) => {
       const open = openDirections(context.result);
       const units = new Map(components(context.result).map((c) => [c.name, c.unit]));
@@ -139,11 +139,11 @@ export function weakSection(context: Context): Section {
       const chosen = (context.result.weak_directions ?? []).filter(isChosen);
       if (!open.length)
         host.append(missing(badlyKnown(context.result).length
-          ? 'The data leave no direction open by themselves; the numbers known to no better than 1 cm, 1° or 1 % stand first in the next section.'
-          : `No weak direction${chosen.length ? ' but those that are chosen, below' : ''}: everything that was estimated is known to better than 1 cm, 1° or 1 %.`));
+          ? 'The data determine all directions; components no better than 1 cm, 1° or 1 % are listed first in the next section.'
+          : `No weak direction${chosen.length ? ' but those that are chosen, below' : ''}: every estimated component is better than 1 cm, 1° or 1 %.`));
       host.append(h('div', { class: 'weak' }, ...open.map(card)));
       if (chosen.length) host.append(h('h3', {}, 'Chosen, not measured'),
-        h('p', { class: 'small' }, 'No data can tell these apart, as where the base frame is or how a part is turned about the last axis. A prior, or what such numbers are usually off, makes the choice; nothing has to be done.'),
+        h('p', { class: 'small' }, 'No data distinguish these, for example the position of the base frame or the rotation of a part about the last axis. A prior makes the choice; nothing has to be done.'),
         h('div', { class: 'weak' }, ...chosen.map(card)));
     });
 }
@@ -161,7 +161,7 @@ function weakCard(w: WeakDirection, units: Map<string, string>): HTMLElement {
     h('h3', {}, chosen ? `${plainName(Object.keys(w.parameters ?? {})[0] ?? '')}: chosen to ± ${size(w.sigma_with_priors!, w.unit)}` : weakSentence(w)),
     h('p', {}, h('b', {}, 'Why: '), sentence(capital(w.why ?? ''))),
     h('p', {}, h('b', {}, chosen ? 'To choose otherwise: ' : 'What helps: '), sentence(capital(w.cure ?? ''))),
-    h('table', { class: 'plain' }, h('caption', {}, typeof w.sigma === 'number' ? 'Numbers that move together, by one standard deviation' : 'Numbers that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
+    h('table', { class: 'plain' }, h('caption', {}, typeof w.sigma === 'number' ? 'Components that move together, by one standard deviation' : 'Components that move together'), h('tbody', {}, ...parts.map(([name, v]) =>
       h('tr', {}, h('th', { scope: 'row', title: name }, plainName(name)),
         h('td', { class: 'n' }, along(name, v)),
         h('td', {}, svg('svg', { viewBox: '-50 0 100 10', class: 'coefficient', 'aria-hidden': 'true' },
@@ -173,17 +173,17 @@ function weakCard(w: WeakDirection, units: Map<string, string>): HTMLElement {
 export function groupsSection(context: Context): Section | null {
   const groups = context.result.automatic;
   if (!groups?.length) return null;
-  return section('groups', 'What was estimated, and what stayed',
-    'The program asked of each group of numbers whether the data speak for errors in it. Evidence above 3: estimated. "Width" is how far the numbers of the group turned out to be off, as a standard deviation.',
+  return section('groups', 'Estimated and fixed groups',
+    'For each group of parameters the program computes the evidence of errors in it. Evidence above 3: estimated. "Width" is the standard deviation of the errors found in the group.',
     (host) => host.append(dataTable(groups, [
       { title: 'Group', cell: (row) => row.group },
-      { title: 'Decision', cell: (row) => (row.held ? 'stays as the rig has it' : 'estimated') },
+      { title: 'Decision', cell: (row) => (row.held ? 'fixed at the nominal value' : 'estimated') },
       { title: 'Numbers', cell: (row) => row.n, numeric: true },
       { title: 'Determined by the data', cell: (row) => digits(row.gamma === null ? null : Math.max(0, row.gamma), 2), value: (row) => row.gamma, numeric: true },
       { title: 'Usual error', cell: (row) => quantity(row.start, row.unit), value: (row) => row.start, numeric: true },
       { title: 'Width found', cell: (row) => quantity(row.width, row.unit), value: (row) => row.width, numeric: true },
       { title: 'Evidence', cell: (row) => digits(row.gain !== null && Math.abs(row.gain) < 0.005 ? 0 : row.gain), value: (row) => row.gain, numeric: true, hint: 'Log of the ratio of probabilities' },
-    ], { caption: 'Groups of numbers that could be wrong.', file: 'groups' })));
+    ], { caption: 'Groups of parameters that may be wrong.', file: 'groups' })));
 }
 
 function costPlot(host: HTMLElement, context: Context): void {
@@ -245,7 +245,7 @@ export function noiseSection(context: Context): Section | null {
   const levels = (context.result.noise_levels ?? []).filter((level) => level.of);
   if (!levels.length) return null;
   return section('noise', 'Noise: stated and seen',
-    'What the rig states of each sensor and joint, and what the residuals say. Seen well above stated: it is noisier, or the model lacks something of it (a lens, backlash, a bent link). Well below: state less, and the sigmas shrink.',
+    'Noise stated in the rig and noise estimated from the residuals, for each sensor and joint. Seen well above stated: it is noisier, or the model lacks an effect (a lens, backlash, a bent link). Well below: state a smaller sigma, and the sigmas of the result shrink.',
     (host) => {
       const name = (l: (typeof levels)[0]) => l.of.replace(/^(sensor|joint)\//, '') + (l.part ? `, ${l.part}` : '');
       const ratio = (l: (typeof levels)[0]) => (l.seen === null || l.seen === undefined || !l.assumed ? NaN : l.seen / l.assumed);
@@ -253,7 +253,7 @@ export function noiseSection(context: Context): Section | null {
       host.append(dataTable(levels, [
         { title: 'Sensor or joint', cell: name },
         { title: 'Stated', cell: (l) => quantity(l.assumed, l.unit), value: (l) => l.assumed, numeric: true },
-        { title: 'Seen', cell: (l) => (l.seen === null ? 'cannot be told' : quantity(l.seen, l.unit)), value: (l) => l.seen, numeric: true },
+        { title: 'Seen', cell: (l) => (l.seen === null ? 'not determined' : quantity(l.seen, l.unit)), value: (l) => l.seen, numeric: true },
         { title: '±', cell: (l) => (l.uncertainty ? `${digits(100 * l.uncertainty, 2)} %` : none), value: (l) => l.uncertainty, numeric: true },
         { title: 'Seen / stated', cell: (l) => digits(ratio(l), 2), value: ratio, numeric: true },
         { title: '0.1 … 1 … 10', cell: (l) => svg('svg', { viewBox: '0 0 140 14', class: 'dumbbell', 'aria-hidden': 'true' },
@@ -264,7 +264,7 @@ export function noiseSection(context: Context): Section | null {
 
 export function influenceSection(context: Context): Section {
   return section('influence', 'Samples that weigh much',
-    'Without the sample the number would move by so many of its standard deviations. A few a little above 1 are normal; above 3 the number hangs on one posture: look at that sample, then record more like it. Click a row to see the sample everywhere.',
+    'Change of the component without the sample, in its standard deviations. A few values slightly above 1 are normal; above 3 the component depends on one posture: check that sample, then record more like it. Click a row to see the sample everywhere.',
     (host) => {
       const leverage = context.result.leverage ?? [];
       const rejected = context.result.rejected ?? [];
@@ -274,7 +274,7 @@ export function influenceSection(context: Context): Section {
         return i === undefined ? row.sample
           : h('button', { type: 'button', class: 'link', 'data-sample': i, click: () => choose(i, false) }, row.sample);
       };
-      if (!leverage.length) host.append(missing('No sample moves any number by more than one standard deviation.'));
+      if (!leverage.length) host.append(missing('No sample moves any component by more than one standard deviation.'));
       else host.append(dataTable(leverage, [
         { title: 'Sample', cell: link },
         { title: 'Number', cell: (row) => h('span', { title: row.parameter }, plainName(row.parameter)), value: (row) => row.parameter },
@@ -287,7 +287,7 @@ export function influenceSection(context: Context): Section {
         { title: 'Sample', cell: link }, { title: 'Sensor', cell: (row) => row.sensor ?? 'all' },
         { title: 'Target', cell: (row) => row.target ?? 'all' }, { title: 'Points', cell: (row) => row.ids?.length ?? 'all', numeric: true },
         { title: 'Reason', cell: (row) => row.reason },
-      ], { caption: 'Taken out as gross outliers before the fit.', file: 'rejected', row: markRow(index) }));
+      ], { caption: 'Removed as gross outliers before the fit.', file: 'rejected', row: markRow(index) }));
     });
 }
 function markRow(index: Map<string, number>) {
@@ -301,19 +301,19 @@ export function originSection(context: Context): Section {
   const rows: [string, string][] = [
     ['Robot', context.report.title || none], ['Serial number', result.serial ?? 'not given'],
     ['Date', time(result.time ?? result.input?.date)], ['Program', result.kincal ? `kincal ${result.kincal}` : none],
-    ...(result.kind ? [] : [['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'not told'}"`],
+    ...(result.kind ? [] : [['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'unknown'}"`],
       ['Numbers estimated', String(components(result).filter((c) => c.sigma !== 0).length)]] as [string, string][]),
     ['Command', result.input?.command ?? none], ['rig.yaml (SHA-256)', result.input?.rig ?? none],
     ['Samples (SHA-256)', result.input?.samples ?? none], ['URDF (SHA-256)', result.input?.urdf ?? none],
   ];
   const warnings = result.warnings ?? [];
   const findings = result.findings ?? [];
-  return section('origin', 'Where this comes from', 'To file with the robot: the same inputs and the same program give the same numbers.',
+  return section('origin', 'Where this comes from', 'To file with the robot: the same inputs and the same program give the same result.',
     (host) => {
       if (findings.length || warnings.length) host.append(dataTable(
         [...findings.map((f) => ({ kind: 'finding', id: f.id, text: f.text })), ...warnings.map((w) => ({ kind: 'warning', id: w.id, text: w.text }))],
         [{ title: 'Kind', cell: (row) => row.kind }, { title: 'Id', cell: (row) => row.id }, { title: 'Text', cell: (row) => row.text }],
-        { caption: 'What the program said, in its own words.', file: 'warnings' }));
+        { caption: 'Warnings of the program.', file: 'warnings' }));
       host.append(h('table', { class: 'origin' }, h('caption', {}, 'Inputs'), h('tbody', {}, ...rows.map(([name, value]) =>
         h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, value))))));
     });

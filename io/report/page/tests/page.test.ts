@@ -177,8 +177,8 @@ describe('what is told first', () => {
       sensors: [{ name: 'c', type: 'camera', link: 1, before: null, after: null, intrinsics: [1, 1, 0, 0] }], targets: [{ name: 't', type: 'chessboard', link: -1, before: null, after: null }],
     };
     const line = heldLines({ scene, parameters: { 'joint/a/offset': p, 'sensor/c/pose': p, 'target/t/square': p } })[0];
-    expect(heldSentence(line)).toBe('No step of the rig frees the gear scales, joint origins, lenses and other zero offsets: they count as exact.');
-    expect(heldLines({})[0].text).toBe('What no step of the rig frees counts as exact');
+    expect(heldSentence(line)).toBe('No step of the rig estimates the gear scales, joint origins, lenses and other zero offsets: they count as exact.');
+    expect(heldLines({})[0].text).toBe('Parameters that no step of the rig estimates count as exact');
   });
 });
 
