@@ -1,18 +1,21 @@
 #!/usr/bin/env python3
-"""The documents tell the truth: what README.md and docs/*.md show is run.
+"""The documents tell the truth: what README.md, docs/*.md and docs/tasks/*.md show is run.
 
     python3 tests/program/docs_test.py SOURCE_DIR KINCAL_BINARY
 
 Proves: every command in a ```sh block ends with the exit status it states (0, or `# exit N` at the end of the line); blocks of one
 document run in order, in one scratch copy of examples/ with the program as build/release/kincal and as `kincal` on the PATH; so do
-the indented commands of the examples' README.md. Links between documents, and to their headings, lead somewhere; files of the
+the indented commands of the examples' README.md, and ```python blocks where the Python package is beside the program (and numpy).
+The README's demo is what scripts/demo runs, and every line of it is printed by the program; times and elided lines (`...`) are not compared. Links between documents, and to their headings, lead somewhere; files of the
 project that they name exist. Options that the
 documents name are options of the program; docs/reference.md has all of them, and is what scripts/reference prints, ids of warnings and
 mistakes included. The program of docs/adding-a-sensor.md compiles
 against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. The README's C++ compiles. No document names
 a path of one machine.
-Does not prove: that shown output is today's (but for adding-a-sensor.md), nor that what the text says is right.
+Does not prove: that other shown output is today's (but for adding-a-sensor.md and on-a-robot.md), nor that what the text says is right.
 """
+import contextlib
+import importlib.util
 import os
 import re
 import shlex
@@ -34,8 +37,8 @@ def fail(place, what):
 
 def documents(source):
     found = [os.path.join(source, name) for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-    docs = os.path.join(source, "docs")
-    found += [os.path.join(docs, name) for name in sorted(os.listdir(docs)) if name.endswith(".md")]
+    for folder in (os.path.join(source, "docs"), os.path.join(source, "docs", "tasks")):
+        found += [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if name.endswith(".md")]
     return found
 
 
@@ -99,22 +102,52 @@ def commands(first, lines):
             yield start, command, int(expected.group(1)) if expected else 0
 
 
-def run_document(path, source, binary):
+@contextlib.contextmanager
+def scratch_copy(source, binary):
+    """A folder with examples/ and build/release/kincal, and the environment of commands in it."""
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
         shutil.copytree(os.path.join(source, "examples"), os.path.join(scratch, "examples"))
         release = os.path.join(scratch, "build", "release")
         os.makedirs(release)
         os.symlink(os.path.abspath(binary), os.path.join(release, "kincal"))
-        environment = dict(os.environ, PATH=release + os.pathsep + os.environ.get("PATH", ""))
+        yield scratch, dict(os.environ, LC_ALL="C.UTF-8", PATH=release + os.pathsep + os.environ.get("PATH", ""))
+
+
+def python_package(binary):
+    """The folder of the Python package beside the program; None where it or numpy is missing."""
+    folder = os.path.join(os.path.dirname(os.path.abspath(binary)), "python")
+    return folder if os.path.isdir(os.path.join(folder, "kincal")) and importlib.util.find_spec("numpy") else None
+
+
+def run(place, command, name, expected, scratch, environment):
+    """Runs one command of a document and expects its exit status; `name` stands in the failure."""
+    try:
+        done = subprocess.run(command, cwd=scratch, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=600)
+    except subprocess.TimeoutExpired:
+        fail(place, f"does not end: {name}")
+        return
+    if done.returncode != expected:
+        output = done.stdout.decode(errors="replace").strip().splitlines()
+        fail(place, f"exit {done.returncode}, not {expected}: {name}\n    " + "\n    ".join(output[-5:]))
+
+
+def run_document(path, source, binary):
+    with scratch_copy(source, binary) as (scratch, environment):
         count = 0
         for info, first, lines in blocks(path) + list(indented(path)):
             words = info.split()
-            if not words or words[0] != "sh":
+            if not words or words[0] not in ("sh", "python"):
                 if words and words[0] in ("bash", "shell", "console"):
                     fail(f"{path}:{first - 1}", f"a block of commands is called ```sh, not ```{words[0]}")
                 continue
             if words[1:] not in ([], ["no-test"]):
                 fail(f"{path}:{first - 1}", f"unknown mark '{info}'")
+                continue
+            if words[0] == "python":
+                package = python_package(binary)
+                if package and not words[1:]:
+                    count += 1
+                    run(f"{path}:{first}", [sys.executable, "-c", "\n".join(lines)], "the Python", 0, scratch, dict(environment, PYTHONPATH=package))
                 continue
             for number, command, expected in commands(first, lines):
                 if words[1:] == ["no-test"]:
@@ -122,16 +155,56 @@ def run_document(path, source, binary):
                         fail(f"{path}:{number}", f"not among what may go untested ({', '.join(UNTESTED)}): {command}")
                     continue
                 count += 1
-                try:
-                    done = subprocess.run(["sh", "-c", command], cwd=scratch, env=environment, stdin=subprocess.DEVNULL,
-                                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=600)
-                except subprocess.TimeoutExpired:
-                    fail(f"{path}:{number}", f"does not end: {command}")
-                    continue
-                if done.returncode != expected:
-                    output = done.stdout.decode(errors="replace").strip().splitlines()
-                    fail(f"{path}:{number}", f"exit {done.returncode}, not {expected}: {command}\n    " + "\n    ".join(output[-5:]))
+                run(f"{path}:{number}", ["sh", "-c", command], command, expected, scratch, environment)
         return count
+
+
+# ---------------------------------------------------------------- the demo of the README
+def without_times(text):
+    return re.sub(r"\b\d+(\.\d+)? ?(s|ms|min)\b", "TIME", text)
+
+
+def is_printed(shown, printed):
+    """Shown lines are the printed ones, in their order; a line `...` stands for any lines, ` ...` at the end of a line for its rest."""
+    pattern = ""
+    for line in shown:
+        rest = r"[^\n]*" if line.endswith(" ...") else ""
+        pattern += r"(?:[^\n]*\n)*?" if line.strip() == "..." else re.escape(without_times(line[:-3] if rest else line.rstrip())) + rest + r"\n"
+    return re.fullmatch(pattern, "".join(without_times(line.rstrip()) + "\n" for line in printed)) is not None
+
+
+def check_demo(source, binary):
+    """What stands between the marks of the README: `$ COMMAND`, then what the program prints."""
+    path = os.path.join(source, "README.md")
+    with open(path, encoding="utf-8") as file:
+        found = re.search(r"<!-- demo output -->\n```\w*\n(.*?)```\n<!-- end of demo output -->", file.read(), re.S)
+    if not found:
+        fail(path, "the marks `demo output` and `end of demo output` with a block between them are expected")
+        return 0
+    runs = []
+    for line in found.group(1).splitlines():
+        if line.startswith("$ "):
+            runs.append((line[2:], []))
+        elif runs:
+            runs[-1][1].append(line)
+        elif line.strip():
+            fail(path, f"the demo begins with a command, not with: {line}")
+    with open(os.path.join(source, "scripts", "demo"), encoding="utf-8") as file:
+        script = file.read()
+    example = re.search(r"^example=(\S+)", script, re.M).group(1)
+    scripted = [line.replace("$example", example) for line in re.findall(r"^show (.*)", script, re.M)]
+    if scripted != [command for command, _ in runs]:
+        fail(path, "the demo shows other commands than scripts/demo runs: " + "; ".join(scripted))
+    with scratch_copy(source, binary) as (scratch, environment):
+        for command, shown in runs:
+            done = subprocess.run(["sh", "-c", command], cwd=scratch, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, timeout=600)
+            printed = done.stdout.decode(errors="replace").rstrip().splitlines()
+            while shown and not shown[-1].strip():
+                shown.pop()
+            if done.returncode or not is_printed(shown, printed):
+                first = next((line for line in shown if line.strip() != "..." and not any(is_printed([line], [p]) for p in printed)), "the order of lines")
+                fail(path, f"the demo: {command} ends with {done.returncode} and prints other lines ({first}):\n    " + "\n    ".join(printed))
+    return len(runs)
 
 
 # ---------------------------------------------------------------- links
@@ -343,6 +416,7 @@ def main():
         example = os.path.join(source, "examples", name, "README.md")
         count += run_document(example, source, binary)
         links += check_links(example, source)
+    count += check_demo(source, binary)
     check_options(source, binary)
     check_reference(source, binary)
     compiled = f"{check_snippet(source, binary)}, {check_sensor(source, binary)}, {check_on_board(source, binary)}"
