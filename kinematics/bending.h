@@ -1,4 +1,4 @@
-// How the joints of a tree bend under the weight of what they carry, and the derivatives of that.
+// How the joints of a tree bend under the weight that they carry, with derivatives.
 //
 // A joint that bends has a rotation vector delta (rad, in the joint's frame before its motion)
 // between its origin and its motion:
@@ -10,17 +10,17 @@
 // B = [a u v]: the axis and two directions across it. S_k [kg m] is the first moment of the moving
 // link k about its joint: of its own mass, and of all masses further out as if they sat at the
 // joints where they begin. (With joints that turn, masses never appear alone; a sliding joint's
-// displacement turns no moment here.) Where the joint's compliance goes with its output (`rotor`),
+// displacement turns no moment here.) If the compliance turns with the joint's output (`rotor`),
 // B turns with the motion.
 //
 // The moments depend on the deflections. The equilibrium is the fixed point of delta <- C tau,
 // which gains a factor of 20 or so an iteration. Its derivative by any parameter x follows from the
 // implicit function theorem: with A = d tau / d delta,
 //     d delta / dx = E (dC/dx tau + C dtau/dx),     E = (I - C A)^-1.
-// A rotation w (seen from the root) of all that joint k carries changes moments by
+// A rotation w (seen from the root) of everything that joint k carries changes moments by
 //     F_i' (s_i x (g x w))     of joints i outboard of k, and of k if its frame turns as well,
 //     F_i' ((w x s_k) x g)     of joints i that carry k, and of k itself;
-// so a thing that moves by D d delta moves by  D E C d tau = sum_i P_i (...) with the path's
+// so a quantity that changes by D d delta changes by  D E C d tau = sum_i P_i (...) with the path's
 // P = D E C F' (3 columns a bending joint). (After Khalil and Besnard, "Geometric calibration of
 // robots with flexible joints and links", J. Intelligent and Robotic Systems 34, 2002, and
 // Tenhumberg, Baeuml, "Calibration of an elastic humanoid upper body", Humanoids 2021.)
@@ -33,35 +33,37 @@
 
 namespace kincal {
 
-/// A Skeleton is what of a tree counts for bending: which joints bend, and what carries what.
+/// A Skeleton is the structure of a tree that bending depends on: which joints bend, and which
+/// joints carry which.
 struct Skeleton {
   std::vector<int> order;         // all joints, from the root outwards
   std::vector<int> above;         // by joint: the one whose child carries it, -1: none
-  std::vector<int> bending;       // joints that bend, from the root outwards
-  std::vector<int> index;         // by joint: which of these, -1
+  std::vector<int> bending;       // indices of joints that bend, from the root outwards
+  std::vector<int> index;         // by joint: its index in `bending`, -1: it does not bend
   std::vector<Matrix3d> basis;    // by bending joint: axis, u, v
   std::vector<char> carried_by_;  // joints x joints
 
   Skeleton() = default;
   Skeleton(const Tree& tree, const std::vector<char>& bends);
-  /// Returns whether k is i or stands outboard of it.
+  /// Returns whether k is i or lies outboard of it.
   bool carries(int i, int k) const { return carried_by_[i * above.size() + k]; }
   int size() const { return static_cast<int>(bending.size()); }
 };
 
-/// Returns two directions across an axis, as columns behind it: for z these are x and y.
+/// Returns a basis of axis and two directions across it, as columns. For axis z the directions are
+/// x and y.
 Matrix3d axis_basis(const Vector3d& axis);
 
-/// A BentPosture is a skeleton at one posture: what it is made from, the equilibrium, and what
-/// derivatives need. Reused for other postures it allocates nothing.
+/// A BentPosture is a skeleton in one posture: the inputs, the equilibrium, and the terms that
+/// derivatives need. Reuse for another posture allocates nothing.
 struct BentPosture {
-  // Given, by joint: rotations of origin and motion, first moment (kg m) of the child link in its
+  // Input, by joint: rotations of origin and motion, first moment (kg m) of the child link in its
   // frame, compliances about axis, u, v (rad/Nm); gravity (m/s^2) seen from the root.
   std::vector<Matrix3d> origin, motion;
   std::vector<Vector3d> load, compliance;
   Vector3d gravity = Vector3d::Zero();
   bool rotor = false;
-  // Found, by joint:
+  // Output, by joint:
   std::vector<Matrix3d> frame, link;  // F, L
   std::vector<Vector3d> moment;       // s
   // and by bending joint:
@@ -75,39 +77,42 @@ struct BentPosture {
   void resize(const Skeleton& skeleton);
 };
 
-/// Finds the equilibrium; false where it does not contract: such a robot would fall over.
+/// Finds the equilibrium. Returns false if the iteration does not contract: this robot would
+/// collapse.
 bool bend(const Skeleton& skeleton, BentPosture& at);
-/// Makes what derivatives need, behind bend().
+/// Computes the terms that derivatives need; call it after bend().
 void differentiate(const Skeleton& skeleton, BentPosture& at);
 
-/// BendingColumns are of a thing that moves by D d delta (rows x 3 a bending joint) when joints
-/// bend: `response` is D E, `loads` D E C F'.
+/// BendingColumns are the derivatives of a quantity that changes by D d delta (rows x 3 per bending
+/// joint): `response` is D E, `loads` D E C F'.
 struct BendingColumns {
   MatrixXd response, loads;
 };
-/// Makes them; they keep their size if they have it.
+/// Computes the BendingColumns of D = `by_delta`. Does not allocate if `out` already has the right
+/// size.
 void through_equilibrium(const BentPosture& at, const Eigen::Ref<const MatrixXd>& by_delta,
                          BendingColumns& out);
 /// Returns the columns of D of one joint on a path (kinematics/tree.h): twists, seen from a, of
-/// everything behind it. `a_T_joint`: its frame before it bends.
+/// everything behind it. `a_T_joint` is its frame before it bends.
 inline Eigen::Matrix<double, 6, 3> deflection_twists(const BentPosture& at, int bending,
                                                      int direction, const Pose& a_T_joint) {
   return direction * (adjoint(a_T_joint).rightCols<3>() * at.left[bending]);
 }
 
-/// Motions through bending (rows x 3, at most 12 rows) of a thing by something of joint k,
+/// The following functions return derivatives through bending (rows x 3, at most 12 rows) of a
+/// quantity by a parameter of joint k:
 using ThreeColumns = Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 12, 3>;
 using OneColumn = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 12, 1>;
-/// its origin's rotation increments,
+/// by the rotation increments of its origin,
 ThreeColumns bent_by_origin(const Skeleton& skeleton, const BentPosture& at,
                             const BendingColumns& columns, int k);
-/// its position (one column), where it turns about `axis`,
+/// by its position (one column), if it turns about `axis`,
 OneColumn bent_by_position(const Skeleton& skeleton, const BentPosture& at,
                            const BendingColumns& columns, int k, const Vector3d& axis);
-/// the first moment of its link,
+/// by the first moment of its link,
 ThreeColumns bent_by_load(const Skeleton& skeleton, const BentPosture& at,
                           const BendingColumns& columns, int k);
-/// and its compliances, where it bends.
+/// and by its compliances, if it bends.
 ThreeColumns bent_by_compliance(const Skeleton& skeleton, const BentPosture& at,
                                 const BendingColumns& columns, int k);
 

@@ -43,44 +43,44 @@ inline Pose inverse(const Pose& a) {
   return {a.rotation.transpose(), -(a.rotation.transpose() * a.translation)};
 }
 
-/// Returns [v]x, with which [v]x u = v x u.
+/// Returns the matrix [v]x with [v]x u = v x u.
 Matrix3d skew(const Vector3d& v);
 
-/// Returns the rotation of |w| radians about w (Rodrigues); it is exact to rounding for every
-/// length, 0 included.
+/// Returns the rotation by |w| radians about w (Rodrigues), exact to rounding for every length, 0
+/// included.
 Matrix3d exp_so3(const Vector3d& w);
-/// Returns exp_so3(angle * axis) of a unit axis, and is cheaper.
+/// Returns exp_so3(angle * axis) for a unit axis, at lower cost.
 Matrix3d rotation_about(const Vector3d& axis, double angle);
-/// Returns the least rotation that turns a to the direction of b, both of any length but 0; where
-/// they are opposite, half a turn about an axis across a.
+/// Returns the smallest rotation that turns a to the direction of b; both may have any length but
+/// 0. If they are opposite, it is half a turn about an axis perpendicular to a.
 Matrix3d rotation_between(const Vector3d& a, const Vector3d& b);
-/// Inverts exp_so3 with |w| <= pi, through the quaternion: it is accurate near 0 and near pi.
+/// Inverts exp_so3 with |w| <= pi. It uses the quaternion and is accurate near 0 and near pi.
 Vector3d log_so3(const Matrix3d& r);
-/// Returns J_l, with which exp(w + d) = exp(J_l d) exp(w) to first order.
+/// Returns J_l with exp(w + d) = exp(J_l d) exp(w) to first order.
 Matrix3d left_jacobian_so3(const Vector3d& w);
 /// Returns the inverse of left_jacobian_so3 for |w| < 2 pi.
 Matrix3d inverse_left_jacobian_so3(const Vector3d& w);
 
-/// Returns the exp of SE(3): rotation exp(w), translation J_l(w) v.
+/// Returns the exponential of SE(3): rotation exp(w), translation J_l(w) v.
 Pose exp_se3(const Vector6d& xi);
-/// Inverts exp_se3; the rotation part is within pi.
+/// Inverts exp_se3; the rotation angle is at most pi.
 Vector6d log_se3(const Pose& t);
-/// Returns J_r, with which exp(xi + d) = exp(xi) exp(J_r d) to first order, as a series in the
-/// small adjoint that converges for every xi.
+/// Returns J_r with exp(xi + d) = exp(xi) exp(J_r d) to first order, by a series in the small
+/// adjoint that converges for every xi.
 Matrix6d right_jacobian_se3(const Vector6d& xi);
 
-/// Returns Ad_T, which turns the twist xi of frame b, given in b, into the same seen from a:  T
+/// Returns Ad_T, which maps a twist xi of frame b, given in b, to the same twist seen from a: T
 /// exp(xi) T^-1 = exp(Ad_T xi).
 Matrix6d adjoint(const Pose& a_T_b);
 
-/// Returns the rotation of URDF's fixed-axis roll, pitch, yaw:  R = Rz(yaw) Ry(pitch) Rx(roll).
+/// Returns the rotation of URDF's fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll).
 Matrix3d rotation_from_rpy(const Vector3d& rpy);
-/// Inverts rotation_from_rpy. Yaw is taken first and roll from what remains, so the three angles
-/// reproduce the rotation to rounding at and near pitch = +-90 degrees too, where two separate
-/// arctangents lose up to 1e-7 rad.
+/// Inverts rotation_from_rpy. Yaw is computed first and roll from the rest, so the angles reproduce
+/// the rotation to rounding also at and near pitch = +-90 degrees, where two separate arctangents
+/// lose up to 1e-7 rad.
 Vector3d rpy_from_rotation(const Matrix3d& r);
 
-/// Returns (x, y, z, w), w >= 0. It starts from the largest component and is accurate for every
+/// Returns (x, y, z, w) with w >= 0. It starts from the largest component and is accurate for every
 /// rotation.
 Eigen::Vector4d quaternion_from_rotation(const Matrix3d& r);
 /// Returns the rotation of a quaternion (x, y, z, w) of any positive length.

@@ -5,11 +5,11 @@
 // parent_T_joint (the URDF's origin) constant, motion a rotation about or a translation along a
 // unit axis given in the joint's frame. The calibrated position of a joint is  scale * reading +
 // offset  (done by the caller); a mimic joint has  position = multiplier * position(master) +
-// offset  and no reading of its own. A master that is fixed, floating or planar stands at 0: what
-// follows it stands still.
+// offset  and no reading of its own. A master that is fixed, floating or planar counts as 0: a
+// joint that follows it does not move.
 //
-// A path a -> b goes up from a to the common ancestor and down to b; what lies above the ancestor
-// cancels and is not walked. Going down a joint multiplies by  origin * motion(q), going up by
+// A path a -> b goes up from a to the common ancestor and down to b; the joints above the ancestor
+// cancel and are not walked. Going down a joint multiplies by  origin * motion(q), going up by
 // motion(-q) * origin^-1. With F = a_T_joint, the joint's frame before its motion, both directions
 // give for a_T_b' = exp(twist) a_T_b (a twist of b as seen from a):
 //     by the position:              twist = direction * Ad_F [0 | axis]  (revolute),
@@ -28,7 +28,7 @@
 
 namespace kincal {
 
-/// A LinkMass is what a URDF's inertial says of a link: its mass (kg) and where it is centred.
+/// A LinkMass is the mass (kg) and the centre of mass of a link, from a URDF's inertial.
 struct LinkMass {
   double mass = 0;
   Vector3d centre = Vector3d::Zero();
@@ -41,7 +41,8 @@ struct Mimic {
   double multiplier = 1, offset = 0;
 };
 
-/// A PoseAxis is what a joint does for a floating one whose reading is a pose (floating.h).
+/// A PoseAxis is the role of a joint in an opened floating joint (floating.h): part of the reading,
+/// or of its error.
 enum class PoseAxis { none, reading, error };
 
 struct Joint {
@@ -51,35 +52,35 @@ struct Joint {
   Pose parent_T_joint;                // the URDF's origin
   Vector3d axis = Vector3d::UnitX();  // unit length, in the joint's frame; meaningless where !moves
   std::optional<Mimic> mimic;
-  std::optional<double> stands_at;  // of a follower of what has no axis: its only position
+  std::optional<double> stands_at;  // its only position, if it follows a joint without an axis
   double lower = 0, upper = 0;      // limits, rad or m; lower == upper: none given
   PoseAxis axis_of_pose = PoseAxis::none;
-  int floating = -1;    // of an axis of a pose: the floating joint
-  int first_axis = -1;  // of a floating joint that is opened: its first axis
+  int floating = -1;    // of an axis of a floating joint: that joint
+  int first_axis = -1;  // of an opened floating joint: its first axis
 
-  /// True if the joint turns about its axis or slides along it, were it but to stand still.
+  /// True for a joint with a rotation or sliding axis, even if its position is constant.
   bool has_axis() const {
     return type == JointType::revolute || type == JointType::continuous ||
            type == JointType::prismatic;
   }
-  /// True if the joint has one degree of freedom, which this module can walk.
+  /// True if the joint has one degree of freedom, as this module requires.
   bool moves() const { return has_axis() && !stands_at; }
-  /// True if the joint holds its child where it is.
+  /// True if the joint keeps its child at a constant pose.
   bool is_rigid() const { return type == JointType::fixed || stands_at; }
-  /// True if the joint moves and mimics nothing.
+  /// True if the joint moves and mimics no other.
   bool drives() const { return moves() && !mimic; }
-  /// True if the joint moves and has a reading of its own (and so an offset, a scale and a noise).
+  /// True if the joint moves and has a reading of its own (so also an offset, a scale and a noise).
   bool has_reading() const { return drives() && axis_of_pose == PoseAxis::none; }
 };
 
-/// A Tree is the topology and nominal geometry of a robot; it does not change once it is made.
+/// A Tree is the topology and nominal geometry of a robot. It does not change after finish_tree().
 struct Tree {
   std::vector<std::string> links;
   std::vector<Joint> joints;
   std::vector<int> joint_above;  // per link: the joint whose child it is, -1 for the root
   int root = -1;                 // link index
 
-  /// Both return an index by name, -1 if there is none.
+  /// Both return an index by name; -1 if there is none.
   int find_link(const std::string& name) const;
   int find_joint(const std::string& name) const;
 };
@@ -87,21 +88,20 @@ struct Tree {
 /// Fills joint_above, root and stands_at and checks the structure. Joints must have valid link
 /// indices and unit axes.
 /// @throws std::invalid_argument naming the links or joints: no link; several roots; a link with
-/// two parents; a loop
-///         (also one detached from the root); a mimic loop.
+/// two parents; a loop (also one detached from the root); a mimic loop.
 void finish_tree(Tree& tree);
 
-/// A Driver is the joint with a reading behind a joint that may mimic others:  position(joint) =
-/// factor * position(driver) + offset. A joint that mimics nothing is its own driver, with 1 and 0.
-/// That of a joint that stands still has no reading.
+/// A Driver is the joint that a joint follows through all mimics: position(joint) = factor *
+/// position(driver) + offset. A joint that mimics no other is its own driver, with 1 and 0. The
+/// driver has no reading if it cannot move.
 struct Driver {
   int joint;
   double factor, offset;
 };
 Driver driver(const Tree& tree, int joint);
 
-/// Fills in the positions of the followers from those of the joints with a reading. `positions` has
-/// one entry a joint.
+/// Computes the positions of followers from those of the other joints. `positions` has one entry
+/// per joint.
 void follow_mimics(const Tree& tree, std::vector<double>& positions);
 
 struct PathStep {
@@ -110,27 +110,27 @@ struct PathStep {
 };
 using Path = std::vector<PathStep>;
 
-/// Returns the joints on the path from link `from` to link `to`; those above the common ancestor
-/// are not among them.
+/// Returns the joints on the path from link `from` to link `to`, without those above the common
+/// ancestor.
 /// @throws std::invalid_argument if a planar joint, or a floating one that is not opened, lies on
 /// the path.
 Path find_path(const Tree& tree, int from, int to);
 
-/// Returns the range of positions that a joint may be asked to take: its limits; without such, and
-/// of continuous joints, +-pi or +-0.5 m. What carries the error of a pose has none (0, 0).
+/// Returns the range of positions to use for a joint: its limits; for continuous joints and those
+/// without limits +-pi or +-0.5 m; (0, 0) for an error axis of a floating joint.
 std::pair<double, double> usual_range(const Joint& joint);
 
-/// Returns the motion of a joint at a position (rad or m). That of one that stands still is the
-/// same at every position, that of one without an axis the identity.
+/// Returns the motion of a joint at a position (rad or m). If its position is constant, `position`
+/// is ignored; without an axis the motion is the identity.
 Pose joint_motion(const Joint& joint, double position);
 
-/// Returns parent_T_child of a joint that is rigid, or at position 0.
+/// Returns parent_T_child of a rigid joint, or of another at position 0.
 inline Pose pose_at_zero(const Joint& joint) {
   return joint.parent_T_joint * joint_motion(joint, 0);
 }
 
-/// Walks one step of a path, from a_T_from (in front of it) to a_T_to; a_T_joint is the joint's
-/// frame before its motion.
+/// Walks one step of a path from a_T_from, the frame before it, to a_T_to. a_T_joint becomes the
+/// joint's frame before its motion.
 inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, const Pose& a_T_from,
                  Pose& a_T_joint, Pose& a_T_to) {
   if (step.direction > 0) {
@@ -142,8 +142,8 @@ inline void walk(const PathStep& step, const Pose& origin, const Pose& motion, c
   }
 }
 
-/// Returns the twist [v | w], seen from a, of everything behind a joint per unit of its position;
-/// see the head of this file.
+/// Returns the twist [v | w], seen from a, of everything behind a joint per unit of its position
+/// (see the top of this file).
 inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_T_joint) {
   Vector6d twist;
   const Vector3d axis = direction * (a_T_joint.rotation * joint.axis);
@@ -154,14 +154,14 @@ inline Vector6d position_twist(const Joint& joint, int direction, const Pose& a_
   return twist;
 }
 
-/// Returns root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry a
-/// joint. Floating and planar joints are taken at their origin.
+/// Returns root_T_link of every link. `origins` (parent_T_joint) and `positions` have one entry per
+/// joint. Floating and planar joints are placed at their origin.
 std::vector<Pose> link_poses(const Tree& tree, const std::vector<Pose>& origins,
                              const std::vector<double>& positions);
 
 /// Folds joint offsets into origins: origin' = origin * motion(axis, offset). A mimic follower of a
-/// joint whose offset is d gets motion(axis, multiplier * d) in its own origin (through chains of
-/// mimics the product of multipliers). `origins` and `offsets` have one entry a joint.
+/// joint with offset d gets motion(axis, multiplier * d) in its own origin (through chains of
+/// mimics the product of multipliers). `origins` and `offsets` have one entry per joint.
 std::vector<Pose> fold_offsets(const Tree& tree, const std::vector<Pose>& origins,
                                const std::vector<double>& offsets);
 

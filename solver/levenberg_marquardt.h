@@ -49,15 +49,13 @@ struct SolverOptions {
   int max_iterations = 200;
   int threads = 1;
   LinearSolver linear_solver = LinearSolver::automatic;
-  /// This is the stopping rule of other solvers, for comparisons: a solve has converged as well
-  /// when an accepted step lowers the cost by at most this share of it. With 0 it has only when
-  /// nothing moves any more.
+  /// The stopping rule of other solvers, for comparisons: a solve also converges when an accepted
+  /// step lowers the cost by at most this share. With 0 this rule is off.
   double relative_decrease = 0;
-  /// False: second derivatives are never looked for, for comparisons.
+  /// False: never computes second derivatives, for comparisons.
   bool second_derivatives = true;
   bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons
-  /// It receives each iteration, and also the iterations between the linearisations of second
-  /// derivatives.
+  /// Receives each iteration, and the iterations between the linearisations for second derivatives.
   Progress progress;
 };
 
@@ -70,7 +68,7 @@ struct SolveSummary {
   int undefined_group = -1;  // of an undefined start: its first such group, or the costliest
 };
 
-/// Passes a summary on that is not of a cancelled solve. @throws Cancelled
+/// Returns the summary. @throws Cancelled if the solve was cancelled
 inline const SolveSummary& uncancelled(const SolveSummary& summary) {
   if (summary.outcome == Outcome::cancelled) throw_cancelled();
   return summary;
@@ -83,9 +81,10 @@ class LevenbergMarquardt {
   ~LevenbergMarquardt();
   const char* linear_solver() const;
 
-  /// Minimises from `state`, in place. After the first call it allocates nothing (dense systems,
-  /// problems that allocate nothing), but where it first looks for second derivatives; the summary
-  /// is the solver's own and holds until the next call. Cancelled: `state` is the last iteration's.
+  /// Minimises from `state`, in place. Calls after the first allocate nothing (for dense systems
+  /// and problems that allocate nothing), except when second derivatives are first computed. The
+  /// summary belongs to the solver and is valid until the next call. If cancelled, `state` is that
+  /// of the last iteration.
   const SolveSummary& solve(VectorXd& state);
 
   /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and

@@ -12,8 +12,8 @@ enum class LossKind { none, huber, soft_l1, cauchy, tukey };
 struct Loss {
   LossKind kind = LossKind::none;
   double scale = 1;
-  bool from_data = false;  // the scale counts in robust standard deviations of the residuals
-                           // themselves instead of sigmas (models/fitting/robust.h)
+  bool from_data = false;  // the scale is in units of the residuals' robust standard deviation
+                           // instead of sigmas (models/fitting/robust.h)
 
   /// Returns c^2 rho(s / c^2) and sets `slope` to rho'.
   double operator()(double s, double& slope) const {

@@ -1,6 +1,6 @@
 // Progress of long work, and its cancellation.
 //
-// A caller may pass a listener. It is called with the current stage and its share, and cancels by
+// A caller may pass a listener. It receives the current stage and its share, and cancels by
 // returning false: Cancelled is thrown there. The public functions (solve() of the solver, the
 // calibrations, trials and studies of models/) catch it and return their documented result
 // (Outcome::cancelled, Status::cancelled, nullopt). Where one of them runs as a part of other work,
@@ -15,12 +15,13 @@
 
 namespace kincal {
 
-/// Cancelled is thrown where a listener returns false. (No std::exception: nothing is wrong.)
+/// Cancelled is thrown when a listener returns false. It is no std::exception, because nothing is
+/// wrong.
 struct Cancelled {};
-/// Throws it: headers do not, so that they can be read without exceptions. @throws Cancelled
+/// Throws it. (Headers do not throw, so that they compile without exceptions.) @throws Cancelled
 [[noreturn]] void throw_cancelled();
 
-/// Returns the result; nullopt: the work was cancelled. @throws Cancelled
+/// Returns the result. @throws Cancelled if it is nullopt: the work was cancelled
 template <class T>
 T uncancelled(std::optional<T> found) {
   if (!found) throw_cancelled();
@@ -35,12 +36,12 @@ class Progress {
 
  public:
   struct News {
-    /// The stage that begins or goes on; of an iteration the step. It stands behind the parts that
-    /// it belongs to: "restart 2: everything".
+    /// The stage that begins or continues; of an iteration the step. The names of its enclosing
+    /// parts precede it: "restart 2: everything".
     const std::string& what;
-    double share = kUntold;  // of the stage that is done (1: all); NaN: that cannot be told, and
-                             // what has a share goes on meanwhile
-    int iteration = -1;      // that ended; 0: a step begins; -1: it is a stage
+    double share = kUntold;  // completed part of the stage (1: all); NaN: not available, the
+                             // stage with a share continues
+    int iteration = -1;      // completed iteration; 0: a step begins; -1: a stage
     double chi2 = kUntold, damping = kUntold;  // after that iteration
   };
   using Listener = std::function<bool(const News&)>;  // false cancels
@@ -48,7 +49,7 @@ class Progress {
   Progress() = default;
   explicit Progress(Listener listener) : listener_(std::move(listener)) {}
 
-  /// Returns the progress of a part, whose name stands before all that it tells.
+  /// Returns the progress of a part; its name precedes all its reports.
   Progress in(const std::string& part) const {
     Progress out;
     if (!listener_) return out;
@@ -56,7 +57,7 @@ class Progress {
     out.name_ = behind_name(part);
     return out;
   }
-  /// Returns the progress of the work between two shares of this.
+  /// Returns the progress of the work between two shares of this one.
   Progress between(double from, double to) const {
     Progress out = *this;
     out.from_ = from_ + (to_ - from_) * from;
@@ -65,19 +66,19 @@ class Progress {
   }
 
   // All of these throw Cancelled.
-  /// Tells of a stage of this part.
+  /// Reports a stage of this part.
   void stage(const std::string& what, double share = kUntold) const {
     if (listener_) tell({behind_name(what), share});
   }
-  /// Reports how much of this part is done: `done` of `of`.
+  /// Reports the completed share of this part: `done` of `of`.
   void share(double done, double of = 1) const {
     if (listener_) tell({name_, from_ + (to_ - from_) * (of > 0 ? done / of : 1)});
   }
-  /// Tells that this part, a step, begins (0) or that an iteration of it ended.
+  /// Reports that this part, a step, begins (0) or that one of its iterations ended.
   void iteration(int number, double chi2 = kUntold, double damping = kUntold) const {
     if (listener_) tell({name_, kUntold, number, chi2, damping});
   }
-  /// Asks whether to go on: nothing is new.
+  /// Checks for cancellation without reporting anything new.
   void check() const {
     if (listener_) tell({name_});
   }

@@ -1,4 +1,4 @@
-// Checked access to a tree of nodes: the checks that turn what stands in a file into numbers and
+// Checked access to a tree of nodes: converts a file's entries into numbers and
 // names.
 #pragma once
 
@@ -26,11 +26,11 @@ struct Field {
   Field operator[](const std::string& key) const;  // member; fails with "key 'x' is missing"
   Field item(size_t i) const;                      // fails on Node::numbers, and beyond the end
   size_t size() const;                             // items or members
-  /// Returns the members of a mapping; fails on anything else.
+  /// Returns the members of a mapping. Fails on any other node.
   const std::vector<std::pair<std::string, Node>>& members() const;
 
-  /// Fails on keys outside required + optional (with the nearest names), on missing ones, and on
-  /// anything but a mapping.
+  /// Fails if the node is not a mapping, if a key outside required + optional occurs (the message
+  /// lists the nearest names), or if a required key is missing.
   void check_keys(const std::vector<std::string>& required,
                   const std::vector<std::string>& optional = {}) const;
 

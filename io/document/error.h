@@ -1,11 +1,11 @@
-// The error of everything that reads the user's files.
+// The error thrown by all readers of the user's files.
 #pragma once
 
 #include <stdexcept>
 
 namespace kincal {
 
-/// An InputError is a mistake in the user's input; its text has the place (file:line), the field,
+/// An InputError is a mistake in the user's input. Its text states the place (file:line), the field
 /// and the valid values.
 class InputError : public std::runtime_error {
  public:

@@ -1,4 +1,4 @@
-// A value of a YAML or JSON file as plain data: what stands there, and where.
+// A value of a YAML or JSON file as plain data, with its place.
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace kincal {
 
-/// A Node is a value of a YAML or JSON file and where it stands.
+/// A Node is a value of a YAML or JSON file with its line and column.
 struct Node {
   enum class Kind { null, scalar, sequence, mapping };
   Kind kind = Kind::null;
@@ -20,7 +20,7 @@ struct Node {
   int columns = 0;           // of such rows; 0: a number or a list of numbers
   int line = 0, column = 0;  // from 1
 
-  /// Returns the member `key`, null if it is absent.
+  /// Returns the member `key`; null if it is absent.
   const Node* find(const std::string& key) const {
     for (const auto& member : members)
       if (member.first == key) return &member.second;
@@ -28,7 +28,7 @@ struct Node {
   }
 };
 
-/// Makes a scalar that stands in no file; it has no quotes.
+/// Makes an unquoted scalar that is not part of a file.
 inline Node scalar_node(const std::string& text) {
   Node node;
   node.kind = Node::Kind::scalar;

@@ -8,15 +8,15 @@
 
 namespace kincal {
 
-/// The formats, as --as names them.
+/// Returns the names of the formats, as in --as.
 const std::vector<std::string>& export_formats();
 
 struct ExportedFile {
   std::string text;
-  std::vector<std::string> notes;  // what of the rig it does not hold
+  std::vector<std::string> notes;  // parts of the rig that the format cannot express
 };
 
-/// ExportOptions select the parts of a calibration to write, as the options of `kincal export`.
+/// ExportOptions select the parts of a calibration to write, like the options of `kincal export`.
 struct ExportOptions {
   std::string format;                // one of export_formats()
   std::vector<std::string> sensors;  // none: all that the format can hold
@@ -28,8 +28,9 @@ struct ExportOptions {
   std::string motors = "feetech";    // of lerobot; or dynamixel
 };
 
-/// Writes a calibration in the format of another program. @throws InputError: an unknown format or
-/// sensor; a rig without data that the format needs; options of other formats
+/// Writes a calibration in the format of another program. @throws InputError: the format or a
+/// sensor is unknown, the rig lacks data that the format needs, or an option belongs to another
+/// format
 ExportedFile export_calibrated(const CalibratedFiles& files, const ExportOptions& options);
 
 }  // namespace kincal

@@ -8,22 +8,23 @@
 
 namespace kincal {
 
-/// ResultTexts are the files of a result that its page shows; empty: there is none.
+/// ResultTexts are the result files that the page shows. An empty text: the file is absent.
 struct ResultTexts {
   std::string result_json, samples_csv, residuals_csv, loops_csv, covariance_csv;
 };
-/// Reads them. @throws InputError: there is no result.json, or one cannot be read.
+/// Reads these files. @throws InputError: result.json is absent, or a file cannot be read.
 ResultTexts read_result_texts(const std::string& directory);
 
-/// Returns the page of a result. @throws InputError: a file is not what kincal writes.
+/// Returns the page of a result. @throws InputError: a file does not have kincal's format.
 std::string report_page(const ResultTexts& texts);
 
-/// An OverviewEntry is one of several results that are shown side by side.
+/// An OverviewEntry is one of several results shown side by side.
 struct OverviewEntry {
   std::string folder, result_json;  // the name that it is shown with; the text
   std::string link;  // of its own page, relative to the overview's; empty: there is none
 };
-/// Returns the page's data for a calibration that failed with `error` and has no result.json.
+/// Returns the page's data for a calibration that failed with `error` and therefore has no
+/// result.json.
 std::string failed_result(const std::string& error);
 /// Returns the page of several results. @throws InputError
 std::string overview_page(const std::vector<OverviewEntry>& entries);

@@ -10,17 +10,17 @@ namespace kincal {
 
 struct AppliedResult {
   std::string text;                // of the robot
-  std::vector<std::string> notes;  // what of the result it does not hold
+  std::vector<std::string> notes;  // parts of the result that the text cannot express
 };
 
 /// Returns the text of `urdf` with the changes of a result (a result directory or its result.json).
-/// @throws InputError if the robot differs from the calibrated one where the result changes it, or
-/// holds the changes already; if the
-///         result's status is not `converged`, unless `force`.
+/// @throws InputError if the robot differs from the calibrated one at a changed place, or already
+/// has the changes; if the result's status is not `converged`, unless `force`.
 AppliedResult apply_result(const std::string& result_path, const Urdf& urdf, bool force);
 
-/// Returns the text of a MuJoCo model with its bodies where the result's robot.urdf has the links
-/// of their names (../urdf/edit_mjcf.h); `path` is the model's, for messages. @throws InputError
+/// Returns the text of a MuJoCo model with its bodies at the poses of the equally named links in
+/// the result's robot.urdf (../urdf/edit_mjcf.h). `path` is the model's, for messages. @throws
+/// InputError
 AppliedResult apply_to_mjcf(const std::string& result_path, const std::string& text,
                             const std::string& path, bool force);
 

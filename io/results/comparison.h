@@ -1,5 +1,4 @@
-// Two calibrations of one robot compared: parameter by parameter, and by where they put frames of
-// the robot.
+// Compares two calibrations of one robot: parameter by parameter, and by the poses of its frames.
 //
 // Poses are compared as poses, E = a^-1 b, whatever they were started from: translation of E and
 // Log of its rotation, in the frame itself. Their sigmas belong to increments there (of partly
@@ -33,18 +32,18 @@ struct Comparison {
   std::string workspace;                          // `samples` or `limits`
   std::vector<std::string> notes;                 // what to keep in mind
 };
-/// Compares two calibrations. `frames` are names (find_frame); empty: every link that carries a
-/// sensor or mounted target, and their own frames. `samples` is a file whose readings are the
-/// workspace; empty: random postures within the joints' limits. @throws InputError: the robots
-/// differ, a frame is unknown.
+/// Compares two calibrations. `frames` are names (find_frame); if empty, the links with a sensor or
+/// mounted target and the frames of these are compared. `samples` is a file whose readings are the
+/// workspace; if empty, random postures within the joint limits are used. @throws InputError: the
+/// robots differ, or a frame is unknown.
 Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
                    const std::vector<std::string>& frames, const std::string& samples);
 
 std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
                             const Comparison& comparison);
 
-/// Returns the frame of this name. @throws InputError with the nearest ones; `where` comes first in
-/// the message.
+/// Returns the frame of this name. @throws InputError with the nearest names; its message begins
+/// with `where`.
 Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string& name,
                   const std::string& where);
 

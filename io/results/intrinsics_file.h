@@ -11,26 +11,26 @@
 
 namespace kincal {
 
-/// An IntrinsicsSource is the input of the result.
+/// An IntrinsicsSource describes the input of the result.
 struct IntrinsicsSource {
   std::string version, command, samples_hash;  // of the program; the command line; SHA-256
 };
 
-/// Returns the names and globs in the rig's steps that mean nothing with the new lenses.
+/// Returns the names and globs in the rig's steps that match nothing with the new lenses.
 std::vector<std::string> names_without_parameter(const RigFile& rig_file,
                                                  const IntrinsicsResult& result);
 
-/// Returns the files of the result directory, each with its name.
+/// Returns the files of the result directory as (name, text).
 std::vector<std::pair<std::string, std::string>> intrinsics_files(const RigFile& rig_file,
                                                                   const IntrinsicsResult& result,
                                                                   const IntrinsicsSource& source);
 
-/// Returns whether the lenses of the rig come from these samples: whether the intrinsics.json that
-/// `kincal intrinsics` wrote beside the rig has their hash. False if it cannot be read.
+/// True if the rig's lenses were calibrated from these samples: the intrinsics.json that `kincal
+/// intrinsics` wrote beside the rig has their hash. False if it cannot be read.
 bool lenses_are_from(const std::string& rig_path, const std::string& samples_hash);
 
-/// Widens the priors on lenses and warps that intrinsics_files() wrote into the rig until they have
-/// almost no weight: the same samples determine these parameters again, and would count twice.
+/// Widens the priors on lenses and warps, written into the rig by intrinsics_files(), until they
+/// have almost no weight. Otherwise the same samples would count twice.
 void forget_lenses(Rig& rig);
 
 }  // namespace kincal

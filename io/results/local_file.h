@@ -1,4 +1,4 @@
-// Local offsets as a file: local.yaml, and the posture that they are for.
+// Local offsets as a file (local.yaml), and the posture at which they apply.
 //
 //     format: kincal-local/1
 //     gain: true
@@ -13,20 +13,19 @@
 
 namespace kincal {
 
-/// Reads a posture as a user gives it: the id of a sample; 'joint=value,joint=value'; or a YAML or
+/// Parses a posture from user input: the id of a sample, 'joint=value,joint=value', or a YAML or
 /// JSON file {joint: position, ...} (rad, m).
 /// @throws InputError with the nearest names
 LocalPosture read_local_posture(const std::string& text, const Rig& rig,
                                 const std::vector<Sample>& samples);
 
-/// A LocalSource is what a local calibration was made from.
+/// A LocalSource describes the input of a local calibration.
 struct LocalSource {
   std::string version, command, near;  // of the program, the command line, the posture as given
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256
 };
 
-/// Both return the file's keys: as JSON, and as YAML under a comment that warns of uses which they
-/// are not for.
+/// Both return the file's keys: as JSON, and as YAML below a comment that warns of improper uses.
 std::string local_json(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,
                        const LocalSource& source);
 std::string local_yaml(const Rig& rig, const LocalPosture& posture, const LocalCalibration& local,

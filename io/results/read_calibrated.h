@@ -1,6 +1,6 @@
-// A calibration as its files have it: a result directory, its result.json, or a rig.yaml. With a
-// result.json beside the rig, the joint offsets that were folded into the written robot are taken
-// out of its origins again, so that offsets stand against offsets; sigmas and covariance come from
+// A calibration read from its files: a result directory, its result.json, or a rig.yaml. With a
+// result.json beside the rig, the joint offsets that were folded into the written robot are removed
+// from its origins again, so that offsets can be compared; sigmas and covariance come from
 // there too. A rig.yaml alone has neither.
 #pragma once
 
@@ -16,7 +16,7 @@
 
 namespace kincal {
 
-/// CalibratedFiles are a calibration as its files have it.
+/// CalibratedFiles are a calibration read from its files.
 struct CalibratedFiles {
   std::string path;  // as given
   RigFile rig_file;
@@ -32,24 +32,24 @@ struct CalibratedFiles {
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };
-/// Reads a calibration. `rigid`: for software in which joints cannot bend and have no error curves.
-/// If the result has them, this is the best robot without them (rig_rigid.yaml), without sigmas and
-/// covariance. @throws InputError
+/// Reads a calibration. `rigid`: for software in which joints neither bend nor have error curves.
+/// If the result has either, returns the best robot without them (rig_rigid.yaml), without sigmas
+/// and covariance. @throws InputError
 CalibratedFiles read_calibrated(const std::string& path, bool rigid = false);
 
-/// Reads one from the texts of a result: rig.yaml, result.json, the robot (robot_unbent.urdf if
-/// there is one), and covariance.csv if there is one. No file is looked at; `folder` is for
+/// Reads a calibration from the texts of a result: rig.yaml, result.json, the robot
+/// (robot_unbent.urdf if present) and covariance.csv if present. Reads no file; `folder` is for
 /// messages. @throws InputError
 CalibratedFiles parse_calibrated(const ResultFiles& files, const std::string& folder = "");
 
-/// Returns what a monitor begins with. @throws InputError: the files have no covariance
+/// Returns the initial state of a monitor. @throws InputError: the files have no covariance
 CalibratedState state_of(const CalibratedFiles& files);
 
-/// Returns the reason in a result.json not to use the result: its verdict, unless it is good; else
-/// "".
+/// Returns the reason in a result.json not to use the result: its verdict, or "" if the verdict is
+/// good.
 std::string verdict_doubt(const Field& result);
 
-/// Returns the parameter's index, or -1 if the table has none of this name.
+/// Returns the index of the parameter with this name; -1 if there is none.
 int find_parameter(const ParameterTable& table, const std::string& name);
 
 }  // namespace kincal

@@ -1,5 +1,5 @@
-// What a calibration writes: a directory with the calibrated robot, the rig, and everything known
-// about them. apply.h goes back from there.
+// The result directory of a calibration: the calibrated robot, the rig and all figures about them.
+// apply.h applies it to another copy of the robot.
 #pragma once
 
 #include <functional>
@@ -14,14 +14,14 @@
 
 namespace kincal {
 
-/// A Reduction is a gear scale as a mechanical reduction (old / scale) of the joint's
+/// A Reduction is a gear scale expressed as the mechanical reduction (old / scale) of the joint's
 /// <transmission>.
 struct Reduction {
   std::string joint, transmission;
   double scale = 1, before = 1, after = 1;
 };
 
-/// ResultFiles are a finished run in the terms of files, before anything is written.
+/// ResultFiles are the texts of all result files before any is written.
 struct ResultFiles {
   std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv;
   // Where joints bend or have error curves, robot_urdf is the best robot without them, with the
@@ -49,16 +49,15 @@ struct ResultOptions {
   bool write_reduction = false;  // reductions into robot.urdf, scales in rig.yaml to 1
 };
 
-/// Makes all texts and proves the URDF (prove_urdf). @throws std::runtime_error where the proof
-/// fails.
+/// Makes all texts and verifies the URDF (prove_urdf). @throws std::runtime_error if this fails.
 ResultFiles make_results(const RigFile& rig_file, const Report& report,
                          const ResultOptions& options);
 
-/// Returns the names of a result's files and the text of each. Empty ones are not written:
-/// robot.urdf of a robot without one, residuals.csv, loops.csv, batch.json.
+/// Returns the names of the result files and their texts. Empty texts are not written: robot.urdf
+/// if the robot has no URDF, residuals.csv, loops.csv, batch.json.
 const std::vector<std::pair<const char*, std::string ResultFiles::*>>& result_file_names();
 
-/// Writes the files of a result as write_directory (document/files.h) does.
+/// Writes the files of a result like write_directory (document/files.h).
 bool write_results(const std::string& directory, const ResultFiles& files, bool force,
                    bool (*go_on)(), const std::string& scratch = "");
 

@@ -1,5 +1,5 @@
-// rig.yaml: strict reading, with the place of everything wrong. rig_text.h writes it again,
-// samples_file.h has the samples.
+// Reads rig.yaml strictly; errors name their place. rig_text.h writes it,
+// samples_file.h reads and writes samples.
 #pragma once
 
 #include <string>
@@ -14,7 +14,7 @@
 
 namespace kincal {
 
-/// A RigFile is a rig as read: its meaning and its text.
+/// A RigFile is a rig as read: the data and its text.
 struct RigFile {
   std::string path;
   std::string text;
@@ -26,19 +26,18 @@ struct RigFile {
   std::string serial, time;  // of the robot and the recording, as they stand; for the record
 };
 
-/// Reads a rig and its robot. `urdf_path` replaces the rig's robot; joint offsets of the rig are
-/// then assumed to be folded into it (0), scales and other joint parameters are kept. `models` are
-/// the joint models that the rig can name. @throws InputError
+/// Reads a rig and its robot. If `urdf_path` is given, it replaces the rig's robot; the rig's joint
+/// offsets are then assumed to be folded into it and become 0, other joint parameters (scales
+/// included) are kept. `models` are the joint models that the rig can name. @throws InputError
 RigFile read_rig(const std::string& path, const std::string& urdf_path = "",
                  const JointModels& models = joint_models());
-/// Reads a rig from a text. `path` is for messages and for files that the rig names, which are
-/// beside it. `robot` is the robot; if null, the file that the rig names is read. It is not used if
-/// the rig's robot reports only its flange poses. A robot without text is an error if it is needed.
-/// @throws InputError
+/// Parses a rig. `path` is for messages and locates the files that the rig names. If `robot` is
+/// null, the robot file that the rig names is read. `robot` is ignored if the rig's robot reports
+/// only flange poses. @throws InputError, also if `robot` has no text and is needed
 RigFile parse_rig(std::string text, const std::string& path, const Urdf* robot = nullptr,
                   const JointModels& models = joint_models());
 
-/// Reads the settings of all joints from `joints` of a rig; later entries win over earlier ones.
+/// Reads the settings of all joints from `joints` of a rig; later entries override earlier ones.
 /// @throws InputError
 std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& tree,
                                                const JointModels& models);

@@ -1,4 +1,4 @@
-// rig.yaml written again with other values: what did not change keeps its text.
+// Writes rig.yaml with other values; unchanged entries keep their text.
 #pragma once
 
 #include <optional>
@@ -9,22 +9,23 @@
 
 namespace kincal {
 
-/// Replaces the nominal values of the rig, in its meaning and in its text.
+/// Replaces nominal values in the rig's data and text.
 void set_nominal(RigFile& rig, const std::vector<NominalValue>& values);
 
-/// Adds priors of one number each to the rig, in its meaning and in its text, behind its own.
+/// Appends priors, each with one sigma, to the rig's data and text.
 void add_priors(RigFile& rig, const std::vector<PriorSetting>& priors);
 
-/// Replaces the lens of a camera, in the rig's meaning and in its text, by that of `found`; `model`
-/// is the rig's word for it.
+/// Replaces the lens of a camera by that of `found`, in the rig's data and text. `model` is the
+/// lens's name in rig.yaml.
 void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& found);
 
 /// RigValues are new values for a rig's text.
 struct RigValues {
-  std::vector<double> joint_offsets;  // by joint index: what is left after folding
+  std::vector<double> joint_offsets;  // by joint index: the rest after folding
   std::vector<double> joint_scales, joint_sigmas;
   std::vector<std::shared_ptr<const JointModel>> joint_models;
-  std::vector<std::vector<double>> joint_further;  // numbers of the models beyond offset and scale
+  std::vector<std::vector<double>>
+      joint_further;  // components of the models beyond offset and scale
   std::vector<std::vector<double>> sensor_sigmas;  // by sensor index, as the model takes them
   std::vector<std::optional<Pose>> sensor_poses;   // by sensor index; none: not known
   std::vector<std::vector<std::vector<double>>> sensor_parameters;  // by sensor, block, component
@@ -36,11 +37,10 @@ struct RigValues {
 };
 RigValues values_of(const Rig& rig);
 
-/// Returns the rig's text with `values` where they differ from the rig's own (poses: also where the
-/// rig has none), and `robot` as the robot's file. Joints' numbers become entries of their own,
-/// after the globs.
-/// @throws InputError if a joint has another model than in the text, and one that a rig cannot
-/// name.
+/// Returns the rig's text with `values` where they differ from the rig's (also poses that the rig
+/// lacks), and with `robot` as the robot's file. Joint parameters become entries of their own after
+/// the globs.
+/// @throws InputError if a joint's model differs from that in the text and has no name in rig.yaml.
 std::string rig_text(const RigFile& rig, const RigValues& values, const std::string& robot);
 
 }  // namespace kincal

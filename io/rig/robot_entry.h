@@ -8,13 +8,13 @@
 
 namespace kincal {
 
-/// The joint of a robot that reports only the poses of its flange.
+/// The joint of a robot that reports only its flange poses.
 constexpr const char* kFlangeJoint = "flange";
-/// Makes the URDF of such a robot: two links and a floating joint between them.
-/// @throws std::invalid_argument: equal or unusable names
+/// Makes the URDF of this robot: two links connected by a floating joint.
+/// @throws std::invalid_argument: equal or invalid names
 Urdf flange_robot(const std::string& base, const std::string& flange, const std::string& path);
 
-/// Reads the robot that a rig names, relative to the rig's own file, or makes that of a flange.
+/// Reads the robot that a rig names, relative to the rig's file, or makes the robot of a flange.
 /// @throws InputError
 Urdf read_robot_entry(const Field& robot, const std::string& rig_path);
 

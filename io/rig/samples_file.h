@@ -1,4 +1,4 @@
-// samples.jsonl: strict reading, with the place of everything wrong, and writing.
+// Reads and writes samples.jsonl; reading is strict and errors name their place.
 #pragma once
 
 #include <string>
@@ -14,18 +14,18 @@ namespace kincal {
 /// Reads samples. Every joint that a used chain needs must have a reading. @throws InputError
 /// "path:line: views[2].ids: ..."
 std::vector<Sample> read_samples(const std::string& path, const Rig& rig);
-/// Reads them from the text of a file; `path` is for messages. @throws InputError, Cancelled
+/// Parses samples from a text; `path` is for messages. @throws InputError, Cancelled
 std::vector<Sample> parse_samples(const std::string& text, const std::string& path, const Rig& rig,
                                   const Progress& progress = {});
 
-/// The reading of a floating joint: a complete pose. @throws InputError
+/// Reads a floating joint's reading, a complete pose. @throws InputError
 Pose read_pose_reading(const Field& field);
-/// Writes readings (by joint, NaN: absent) as one JSON mapping.
+/// Returns readings (by joint, NaN: absent) as one JSON object.
 std::string readings_text(const Tree& tree, const std::vector<double>& readings);
 
-/// Writes one JSON line a sample, as read_samples takes it (numbers in the shortest form that reads
-/// back the same). `images` of its views, by sample and view, may be fewer, "" is none; a view that
-/// has one and no points is written without: `kincal detect` finds them.
+/// Returns one JSON line per sample in the format of read_samples; numbers have the shortest form
+/// that reads back exactly. `images` are file names by sample and view ("" or missing: none). A
+/// view with an image and no points is written without points, so that `kincal detect` finds them.
 std::string samples_text(const Rig& rig, const std::vector<Sample>& samples,
                          const std::vector<std::vector<std::string>>& images = {});
 

@@ -1,4 +1,4 @@
-// A URDF as read. Its text is the truth: it is read strictly, with lines in the messages; edit.h
+// A URDF as read, strictly and with lines in the messages. Its text is kept; edit.h
 // writes changes into it.
 #pragma once
 
@@ -15,8 +15,8 @@ class xml_document;
 
 namespace kincal {
 
-/// An OriginText is an origin as it stands in the file: xyz and rpy in the file's own digits ("0 0
-/// 0" where absent), for changes.yaml.
+/// An OriginText is the text of an origin: xyz and rpy in the file's digits ("0 0 0" if absent),
+/// for changes.yaml.
 struct OriginText {
   std::string xyz, rpy;
 };
@@ -34,7 +34,7 @@ struct Urdf {
   std::vector<std::string> warnings;  // e.g. an undefined root link that was accepted
 };
 
-/// Both read a URDF. @throws InputError "path:line: element: what is wrong, what is valid".
+/// Both read a URDF. @throws InputError "path:line: element: error, valid values".
 Urdf read_urdf(const std::string& path);
 Urdf parse_urdf(std::string text, const std::string& path);
 
