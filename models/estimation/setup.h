@@ -1,5 +1,5 @@
-// What is estimated, from which sensors, with which noise: what one minimisation is asked for,
-// what its start leaves open, and what it finds.
+// Input and output of one minimisation: the estimated components, the sensors, the noise; ambiguous
+// starts; the values and residuals found.
 #pragma once
 
 #include <map>
@@ -26,22 +26,23 @@ struct EstimationSetup {
   std::vector<double> noise_ratios;  // by sensor: unit of the loss's scale in sigmas; empty: 1
   std::vector<int> sensors;          // indices; views of others do not take part
   std::vector<Freed> free;
-  std::vector<Prior> priors;  // of freed components only
+  std::vector<Prior> priors;  // of estimated components only
   int only_target = -1;       // views of this target only (to start it)
-  bool apart = false;  // samples are solved one at a time, Estimation::take_alone() says which;
-                       // nothing shared is freed
+  bool apart = false;  // samples are solved one at a time, selected by Estimation::take_alone();
+                       // no shared parameter is estimated
   VectorXd
       initial;  // shared values that priors and partly freed poses count from; empty: the rig's
 };
 
-/// An AmbiguousStart is a pair of poses that the data give in several ways, which fit equally well.
+/// An AmbiguousStart is a pair of poses for which the data give several solutions that fit equally
+/// well.
 struct AmbiguousStart {
   std::string first, second;  // names of the parameters
   double turned = 0;          // rad, the first pose from one solution to the next
 };
 
-/// Values are everything that is estimated: shared parameters (ParameterTable's layout), poses of
-/// free targets by (sample, target), joint errors by (sample, joint).
+/// Values are all estimated quantities: shared parameters (ParameterTable's layout), poses of free
+/// targets by (sample, target), joint errors by (sample, joint).
 struct Values {
   VectorXd shared;
   std::map<std::pair<int, int>, Pose> targets;

@@ -11,10 +11,10 @@ namespace kincal {
 
 using JointModels = std::vector<std::shared_ptr<const JointModel>>;
 
-/// Returns the models that kincal brings along, each with another name().
+/// Returns the built-in models; their name()s differ.
 const JointModels& joint_models();
 
-/// Returns the model of this name; null: there is none.
+/// Returns the model with this name; null: there is none.
 std::shared_ptr<const JointModel> find_joint_model(const JointModels& models,
                                                    const std::string& name);
 

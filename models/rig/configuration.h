@@ -1,9 +1,9 @@
-// The robot in one configuration: at given values of all parameters and given readings of its
-// joints, where everything is.
+// The robot in one configuration: all poses at given values of all parameters and given readings of
+// its joints.
 //
 // The position of a joint with a reading is its model's (models/joints/joint_model.h); a follower's
 // is that of the joint it mimics, times and plus constants (driver() of kinematics/tree.h). Every
-// position of a joint and every pose of a link comes from here; the formula stands nowhere else.
+// joint position and link pose is computed here; the formula occurs in no other place.
 // (Derivatives: models/estimation, models/analysis/frames.)
 #pragma once
 
@@ -15,19 +15,19 @@
 
 namespace kincal {
 
-/// A Configuration refers to all that it is made from, so it is for use on the spot. It is cheap to
-/// make and to copy.
+/// A Configuration refers to its inputs, so it must not outlive them. It is cheap to make and to
+/// copy.
 class Configuration {
  public:
-  /// `readings` are by joint index, in rad or m. NaN means absent, which is an error only where the
-  /// joint is queried.
+  /// `readings` are by joint index, in rad or m. NaN means absent, which matters only if the joint
+  /// is queried.
   Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                 const std::vector<double>& readings)
       : rig_(&rig), table_(&table), values_(&values), readings_(&readings) {
     if (rig.elasticity) bend_joints();
   }
 
-  /// Returns the same configuration with another reading of one joint (of a scanning one: a ray's
+  /// Returns the same configuration with another reading of one joint (a scanning joint: a ray's
   /// own).
   Configuration with(int joint, double reading) const {
     Configuration out = *this;
@@ -40,25 +40,24 @@ class Configuration {
   const ParameterTable& table() const { return *table_; }
   const std::vector<double>& readings() const { return *readings_; }
   double reading(int joint) const { return joint == joint_ ? reading_ : (*readings_)[joint]; }
-  /// Returns the numbers of a joint's model, from the offset on; the joint must have a reading.
+  /// Returns the parameters of a joint's model, from the offset on. The joint must have a reading.
   const double* own_numbers(int joint) const {
     return values_->data() + table_->all[table_->joint_offset[joint]].start;
   }
-  /// Returns the position of a joint, in rad or m, of followers too; it is 0 for joints without an
-  /// axis.
+  /// Returns the position of a joint or follower, in rad or m; 0 for joints without an axis.
   double position(int joint) const;
-  /// Returns parent_T_joint as it stands in the values.
+  /// Returns parent_T_joint from the values.
   Pose origin(int joint) const {
     return get_pose(*values_, table_->all[table_->joint_origin[joint]].start);
   }
-  /// Returns what a joint does to its origin: how it bends, then how it moves.
+  /// Returns the motion of a joint behind its origin: its deflection, then its position.
   Pose motion(int joint) const {
     const Pose moved = joint_motion(rig_->tree.joints[joint], position(joint));
     return bent_ ? Pose{bend_of(joint) * moved.rotation, bend_of(joint) * moved.translation}
                  : moved;
   }
-  /// Returns the equilibrium of the rig's elasticity; null where joints do not bend. Where there is
-  /// none, poses are NaN.
+  /// Returns the equilibrium of the rig's elasticity; null if joints do not bend. Without an
+  /// equilibrium all poses are NaN.
   const BentPosture* bent() const { return bent_.get(); }
   /// Returns exp(delta) of a joint that bends, else the identity.
   Matrix3d bend_of(int joint) const;
@@ -91,21 +90,22 @@ class Configuration {
   double reading_ = 0;
 };
 
-/// Returns the joints whose readings place link b relative to link a, in the order of the path,
-/// without `except` (-1: none).
+/// Returns the joints whose readings determine the pose of link b in link a, in the order of the
+/// path, without `except` (-1: none).
 std::vector<int> joints_between(const Rig& rig, int a, int b, int except = -1);
-/// Returns the same for a view: between its sensor and its target (of a free one: the base).
+/// Returns the same for a view: between its sensor and its target (if this is free: the base).
 std::vector<int> joints_between(const Rig& rig, const View& view);
-/// Returns the joints whose readings place a sensor (-1: none) and a target (-1: none; free ones
-/// need none) relative to the base, without the sensor's scanning joint unless the target needs it.
+/// Returns the joints whose readings determine the poses of a sensor (-1: none) and a target (-1:
+/// none; free ones need none) relative to the base. The sensor's scanning joint is omitted unless
+/// the target needs it.
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
-/// Returns the joints whose readings a view of the sensor on the target needs: of a mounted target
-/// those that place one relative to the other. A joint that carries both cancels, but for a sensor
-/// whose own scanning joint carries both: their readings of that differ.
+/// Returns the joints whose readings a view of the sensor on the target needs. For a mounted target
+/// these are the joints between both; a joint that carries both cancels. If the sensor's scanning
+/// joint carries both, it does not cancel, because the rays have readings of their own.
 std::vector<int> view_readings(const Rig& rig, int sensor, int target);
-/// Returns readings with 0 in place of absent ones, for computations that do not depend on them.
+/// Returns readings with 0 in place of absent ones, for computations that do not depend on these.
 std::vector<double> completed(std::vector<double> readings);
-/// Returns whether there is a reading of every joint that places `link` relative to the base.
+/// Returns whether every joint between the base and `link` has a reading.
 bool has_readings(const Rig& rig, int link, const std::vector<double>& readings);
 
 }  // namespace kincal

@@ -1,21 +1,21 @@
-// What is held out of a fit together, and how that is dealt to folds.
+// Blocks of data that are held out of a fit together, and their distribution to folds.
 //
-// Blocks. A block is what is held out together: a sample; or, where a sensor's samples are spread
-// over several mounted targets of one rigid body whose poses some step frees, one in each sample
-// (placements: a block of sockets put here and there), all samples of one target. A placement of
-// which some samples are in the fit is known already and shows nothing of the others' error; held
-// out as a whole, its pose is estimated from its own samples when it is judged (the formats'
-// `held_out`). Targets on different bodies (a board in each hand) are no placements of one another:
-// without one of them its whole arm would be without data. Nor is a target that is all that some
-// sensor sees of the body, or of which a step frees more than the pose.
+// Blocks. A block is held out as a whole: a sample; or, where a sensor's samples are spread
+// over several mounted targets of one rigid body whose poses some step estimates, one in each
+// sample (placements: a block of sockets put here and there), all samples of one target. If some
+// samples of a placement were in the fit, its pose would be determined already, and the others
+// would not show the error. Held out as a whole, its pose is estimated from its own samples when it
+// is judged (the formats' `held_out`). Targets on different bodies (a board in each hand) are no
+// placements: without one of them its whole arm would have no data. Nor is a target that is the
+// only one that some sensor sees on the body, or that has more than its pose estimated in some
+// step.
 //
-// Folds. Blocks are sorted by what is seen in them (names of sensors, and of targets that are no
-// placements) and, where that is the same, by a hash of their names, and dealt like cards to the K
-// folds; so every fold has its share of every kind, and neither the order nor the number of other
-// samples of the file plays a role. If all blocks of a sensor, of a target (placements aside) or of
-// a joint (on the way from a sensor to what it sees) came into one fold, the first of them is never
-// held out, so that the fit always has something of it. Where one fold only is held out, it is fold
-// 0.
+// Folds. Blocks are sorted by their views (names of sensors, and of targets that are no
+// placements) and, if that is equal, by a hash of their names, and dealt like cards to the K folds.
+// So every fold has its share of every kind, independent of the order and number of the file's
+// other samples. If all blocks of a sensor, of a target (placements aside) or of a joint (between a
+// sensor and its target) would be in one fold, the first of them is never held out, so that the fit
+// always has some of its data. If only one fold is held out, it is fold 0.
 #pragma once
 
 #include <string>
@@ -34,21 +34,21 @@ struct Blocks {
 };
 Blocks make_blocks(const Rig& rig, const std::vector<Sample>& samples);
 
-/// Folds give the fold of each sample, 0 to count - 1. It is -1 where the sample is never held out,
-/// or is no training sample.
+/// Folds are the fold of each sample, 0 to count - 1; -1 if the sample is never held out, or is no
+/// training sample.
 struct Folds {
   int count = 0;
   Blocks blocks;
   std::vector<int> of;
-  /// Returns the names of a fold's blocks; of fold -1 these are the blocks of training samples that
-  /// are never held out.
+  /// Returns the names of a fold's blocks; for fold -1 those of the training blocks that are never
+  /// held out.
   std::vector<std::string> held_out(int fold) const;
-  bool by_target() const;  // some block is a placement
+  bool by_target() const;  // at least one block is a placement
 
   std::vector<char> training;  // by sample
 };
-/// Deals the blocks to `count` folds. @throws std::invalid_argument where there are fewer than
-/// `count` blocks that can be held out.
+/// Deals the blocks to `count` folds. @throws std::invalid_argument if fewer than `count` blocks
+/// can be held out.
 Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count);
 
 }  // namespace kincal

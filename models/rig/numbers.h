@@ -15,27 +15,28 @@ namespace kincal {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Returns the number that `smaller` others come before when they are sorted; there must be more of
-/// them, and no NaN.
+/// Returns element `smaller` (from 0) of the numbers in ascending order. There must be more numbers
+/// than `smaller`, and no NaN.
 inline double nth_smallest(std::vector<double> numbers, std::size_t smaller) {
   const auto nth = numbers.begin() + static_cast<std::ptrdiff_t>(smaller);
   std::nth_element(numbers.begin(), nth, numbers.end());
   return *nth;
 }
 
-/// Returns the number that this share (0 to 1) of the others come before; there must be one.
+/// Returns the number at this share (0 to 1) of the ascending order. There must be at least one
+/// number, and no NaN.
 inline double quantile(std::vector<double> numbers, double share) {
   const double smaller = share * static_cast<double>(numbers.size() - 1);
   return nth_smallest(std::move(numbers), static_cast<std::size_t>(smaller));
 }
 
-/// Returns the upper median of numbers; `none` if there are none. NaN must not be among them.
+/// Returns the upper median of the numbers; `none` if there are none. They must not contain NaN.
 inline double median(std::vector<double> numbers, double none = kNan) {
   const std::size_t half = numbers.size() / 2;
   return numbers.empty() ? none : nth_smallest(std::move(numbers), half);
 }
 
-/// A Mean sums numbers up to their mean; it is 0 without numbers.
+/// A Mean accumulates numbers. Its value is 0 without numbers.
 struct Mean {
   double sum = 0;
   long count = 0;

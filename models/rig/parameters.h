@@ -1,4 +1,4 @@
-// Every number that can be freed: what it is, its name, components, units, and where it stands in
+// Every parameter that can be estimated: its kind, name, components, units, and its place in
 // the vector of values.
 #pragma once
 
@@ -9,11 +9,12 @@
 
 namespace kincal {
 
-/// A ParameterKind is what a parameter is. `own_number` is a sensor's that is none of the others.
+/// A ParameterKind is the kind of a parameter. `own_number` is a sensor's parameter of no other
+/// kind.
 enum class ParameterKind {
   joint_offset,
   joint_scale,
-  joint_shape,  // what a joint model adds to offset and scale
+  joint_shape,  // the parameters of a joint model beyond offset and scale
   joint_origin,
   compliance,  // of a joint, about its axis and across it
   load,        // of a link that a joint moves; its owner is the joint
@@ -30,21 +31,21 @@ enum class ParameterKind {
   points
 };
 
-/// A Parameter is a row of the formats' table. Values stand in one vector: a pose as 12 numbers
-/// (rotation column by column, translation), anything else as its numbers. The unknowns of a pose
-/// are its 6 components, increments from the initial value.
+/// A Parameter is a row of the formats' table. Values are in one vector: a pose as 12 numbers
+/// (rotation column by column, translation), other parameters as their components. The unknowns of
+/// a pose are its 6 components, increments from the initial value.
 struct Parameter {
   std::string name;                     // e.g. "joint/l_elbow_flex_joint/offset"
-  std::vector<std::string> components;  // names after the dot; {""} for a single number
-  std::vector<std::string> units;       // one a component
+  std::vector<std::string> components;  // names after the dot; {""} if there is only one
+  std::vector<std::string> units;       // one per component
   bool pose = false;
   int start = 0;  // in the vector of values
   ParameterKind kind = ParameterKind::own_number;
   int owner = -1;                         // index of the joint, sensor or target that it belongs to
-  double usual_error = 0, yardstick = 0;  // of joint_shape, as its model says (JointNumber)
+  double usual_error = 0, yardstick = 0;  // of joint_shape: those of its model (JointNumber)
   int replaced_by =
       -1;  // of a pose: the joint's origin (the rig's `mount`), or the pose of another
-           // sensor, that is calibrated in its place, so that no name or glob means it
+           // sensor, that is calibrated instead; no name or glob then matches this one
 
   /// True for the components of a floating joint's pose: they are not unknowns, and no name or
   /// pattern matches them.
@@ -55,7 +56,7 @@ struct Parameter {
   }
 };
 
-/// A Component is one number of one parameter: what an unknown is.
+/// A Component is one component of one parameter, a possible unknown.
 struct Component {
   int parameter = -1, index = 0;
   bool operator==(const Component& o) const { return parameter == o.parameter && index == o.index; }
@@ -65,7 +66,7 @@ struct Component {
   }
 };
 
-/// Freed names some components of a parameter.
+/// Freed lists the estimated components of a parameter.
 struct Freed {
   int parameter = -1;
   std::vector<int> components;  // ascending
@@ -84,7 +85,7 @@ struct ParameterTable {
   std::vector<int> sensor_pose;       // by sensor
   std::vector<int> sensor_block;      // by sensor: its first own block; blocks follow one another
   std::vector<int> target_pose, target_square, target_warp, target_points;  // by target
-  std::vector<int> sensor_mount, target_mount;  // what is calibrated of where it is: its pose, or
+  std::vector<int> sensor_mount, target_mount;  // the calibrated mount: its pose, or
                                                 // the origin that replaces it
 
   explicit ParameterTable(const Rig& rig);
@@ -94,14 +95,14 @@ struct ParameterTable {
   std::string name(const Component& c) const { return all[c.parameter].component_name(c.index); }
   const std::string& unit(const Component& c) const { return all[c.parameter].units[c.index]; }
 
-  /// Returns what a name, component name, glob or geometry/BASE..TIP (geometry.h) means. Exact
-  /// names go before globs. It is empty where nothing is found.
+  /// Returns the components that a name, component name, glob or geometry/BASE..TIP (geometry.h)
+  /// selects. Exact names have precedence over globs. Empty if nothing matches.
   std::vector<Freed> select(const std::string& pattern) const;
-  /// Returns the same where something is found. @throws NameError (selection.h) beginning with
-  /// `where`; std::invalid_argument where a geometry/BASE..TIP is not written so, has nothing to
-  /// free, or a floating or planar joint on its path.
+  /// Returns the same if something matches. @throws NameError (selection.h) beginning with `where`;
+  /// std::invalid_argument if a geometry/BASE..TIP is malformed, has no parameter to estimate, or
+  /// has a floating or planar joint on its path.
   std::vector<Freed> find(const std::string& pattern, const std::string& where) const;
-  /// Returns whether this is the name of a whole parameter or of one component, and no glob.
+  /// Returns whether this is the name of a whole parameter or of one component, not a glob.
   bool is_plain_name(const std::string& pattern) const { return !select_exact(pattern).empty(); }
   /// Returns all names and component names, for messages.
   std::vector<std::string> names() const;
@@ -111,23 +112,23 @@ struct ParameterTable {
   std::vector<Freed> select_geometry(const std::string& pattern, const std::string& where) const;
 
   Tree tree_;                   // of the rig, for geometry/BASE..TIP
-  std::vector<char> has_pose_;  // by link: a sensor or mounted target stands on it
+  std::vector<char> has_pose_;  // by link: a sensor or mounted target is on it
 };
 
-/// Returns the rig's initial values of the numbers of a joint's model beyond offset and scale.
+/// Returns the rig's initial values of a joint model's parameters beyond offset and scale.
 std::vector<double> further_values(const JointSettings& joint);
 
-/// Returns the block of a sensor's own parameters that is intrinsics, distortion or baseline; null
-/// if it has none.
+/// Returns a sensor's block of intrinsics, distortion or baseline; null if it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);
 
-/// Returns the rig with its nominal values in place, and none left.
+/// Returns the rig with its nominal values applied and its list of these empty.
 Rig centred(Rig rig);
 
 Pose get_pose(const VectorXd& values, int start);
 void set_pose(VectorXd& values, int start, const Pose& pose);
 
-/// Returns what is wrong with a value of a component ("a scale is not 0", ...), null if nothing is.
+/// Returns the reason why a component cannot have this value ("a scale is not 0", ...); null if it
+/// can.
 const char* improper_value(const Parameter& parameter, int component, double value);
 
 }  // namespace kincal

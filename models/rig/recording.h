@@ -1,5 +1,5 @@
-// A recording: what every calibration, analysis and trial is about. It has a robot with its sensors
-// and targets, everything about it that could be estimated, and what was logged.
+// A recording: the input of every calibration, analysis and trial. It has a robot with its sensors
+// and targets, the table of its parameters, and the logged samples.
 #pragma once
 
 #include <cmath>
@@ -13,9 +13,8 @@
 
 namespace kincal {
 
-/// A Recording has a rig, its table of parameters and the samples. It does not change: what needs
-/// another rig or other samples makes another recording, which shares the rest, as copies share
-/// all.
+/// A Recording has a rig, its parameter table and the samples. It does not change. A recording with
+/// another rig or other samples is a new one that shares the rest; copies share everything.
 class Recording {
   std::shared_ptr<const Rig> rig_;  // (before the references, which it makes)
   std::shared_ptr<const ParameterTable> table_;
@@ -29,7 +28,7 @@ class Recording {
   Recording(Rig r, std::vector<Sample> s)
       : Recording(std::make_shared<const Rig>(std::move(r)), nullptr,
                   std::make_shared<const std::vector<Sample>>(std::move(s))) {}
-  /// Shares what is given; null: the table of the rig is made.
+  /// Shares its arguments. If the table is null, it is made from the rig.
   Recording(std::shared_ptr<const Rig> r, std::shared_ptr<const ParameterTable> t,
             std::shared_ptr<const std::vector<Sample>> s)
       : rig_(std::move(r)),
@@ -40,11 +39,11 @@ class Recording {
         samples(*samples_) {}
   Recording(const Recording&) = default;  // no move: it would leave references to nothing behind
 
-  /// Returns the recording of another rig; it copies no sample.
+  /// Returns the recording with another rig, without copying samples.
   Recording with_rig(Rig other) const {
     return {std::make_shared<const Rig>(std::move(other)), nullptr, samples_};
   }
-  /// Returns the recording of other samples; it copies nothing of the rig.
+  /// Returns the recording with other samples, without copying the rig.
   Recording with_samples(std::shared_ptr<const std::vector<Sample>> others) const {
     return {rig_, table_, std::move(others)};
   }
@@ -52,7 +51,7 @@ class Recording {
     return with_samples(std::make_shared<const std::vector<Sample>>(std::move(others)));
   }
 
-  /// Returns the indices of the samples that are in training (true), or held out.
+  /// Returns the indices of the training samples (true) or of the held-out samples.
   std::vector<int> split(bool train) const {
     std::vector<int> out;
     for (size_t i = 0; i < samples.size(); ++i)
@@ -90,7 +89,7 @@ inline std::shared_ptr<const Recording> with_steps(const Recording& recording,
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
-/// Returns how many different readings the training samples have.
+/// Returns the number of distinct postures (readings) among the training samples.
 inline size_t count_postures(const Recording& recording) {
   std::set<std::vector<double>> readings;
   for (const int i : recording.training()) {

@@ -1,5 +1,5 @@
-// What a calibration is about, as plain data: the robot, its sensors and targets, and the steps;
-// samples.h has what was logged. Files are read into these by io; a program may as well fill them
+// A rig as plain data: the robot, its sensors and targets, and the steps;
+// samples.h has the logged data. io reads files into these; a program may also fill them
 // in itself.
 #pragma once
 
@@ -17,8 +17,8 @@
 
 namespace kincal {
 
-/// Guesses of noise that nobody states: of a floating joint's poses (m and rad), of readings of
-/// joints that turn (rad) and that slide (m).
+/// Assumed noise if none is stated: of a floating joint's pose (m and rad), of readings of joints
+/// that turn (rad) and that slide (m).
 constexpr double kGuessedPoseNoise = 3e-4, kGuessedTurnNoise = 2e-4, kGuessedSlideNoise = 1e-4;
 inline double guessed_noise(const Joint& joint) {
   return joint.axis_of_pose != PoseAxis::none ? kGuessedPoseNoise
@@ -28,12 +28,12 @@ inline double guessed_noise(const Joint& joint) {
 
 struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
-  double offset = 0, scale = 1;  // initial values of the model's first two numbers
+  double offset = 0, scale = 1;  // initial values of the model's first two parameters
   std::shared_ptr<const JointModel> model = linear_joint();
-  std::vector<double> further = {};  // initial values of its further numbers; of those that are
-                                     // missing the model's own (further_values())
-  double noise_guess = 0;  // nobody states the noise: the automatic path estimates it, from this
-                           // on; 0: it is stated
+  std::vector<double> further = {};  // initial values of its further parameters; missing ones
+                                     // have the model's default (further_values())
+  double noise_guess = 0;  // the noise is not stated: the automatic path estimates it, starting
+                           // with this; 0: it is stated
 };
 
 struct Target {
@@ -42,9 +42,9 @@ struct Target {
   Eigen::Matrix3Xd layout;  // grid: points for a spacing of 1
   double square = 1;        // m
   bool y_up = false;        // grid: y of the layout points up on the printed side, else down
-  Eigen::Matrix2Xd bulge;   // grid that may be warped: how far each point stands out for a warp of
+  Eigen::Matrix2Xd bulge;   // grid that may be warped: height of each point for a warp of
                             // (1, 0) and (0, 1), targets.h; empty: it is flat
-  Eigen::Vector2d warp{0, 0};  // m, of these two
+  Eigen::Vector2d warp{0, 0};  // m, of these two shapes
   Eigen::Matrix3Xd points;     // not a grid: m, target's frame
   int link = -1;               // mounted on this link; -1: free, its own pose in every sample
   Pose link_T_target;          // where mounted
@@ -61,18 +61,18 @@ struct Sensor {
   Pose link_T_sensor;  // chain: link_T_target
   bool pose_given = false;
   int mount_joint = -1;  // as a target's
-  int pose_of = -1;  // a sensor before it whose pose this one has too (a rectified pair); -1: none
+  int pose_of = -1;      // an earlier sensor with the same pose (a rectified pair); -1: none
   std::shared_ptr<const SensorModel> model;
   std::vector<ParameterBlock> parameters;
-  std::vector<double> sigma;              // model->sigmas() numbers
-  std::vector<double> noise_guess;        // nobody states the noise: it is estimated, from these
-                                          // on; empty: it is stated
+  std::vector<double> sigma;              // model->sigmas() values
+  std::vector<double> noise_guess;        // the noise is not stated: it is estimated, starting
+                                          // with these; empty: it is stated
   int scanning_joint = -1;                // of a scanning sensor
   int image_width = 0, image_height = 0;  // of a camera, 0: unknown
 };
 
-/// A PriorSetting is a prior as written: one sigma for all components, or translation and rotation
-/// of poses apart.
+/// A PriorSetting is a prior as written: one sigma for all components, or separate ones for the
+/// translation and rotation of poses.
 struct PriorSetting {
   std::string pattern;
   double translation = 0, rotation = 0;
@@ -89,22 +89,22 @@ struct Step {
   std::vector<PriorSetting> priors;
 };
 
-/// An Elasticity gives the bending of joints under the weight that they carry
+/// An Elasticity describes the bending of joints under the weight that they carry
 /// (kinematics/bending.h). Values are by joint index, zero if a joint does not bend or carries
 /// nothing that moves.
 struct Elasticity {
   Vector3d gravity{0, 0, -9.81};  // m/s^2, seen from the base
   Matrix3d root_R_base = Matrix3d::Identity();
   bool rotor = false;                // compliances turn with the joints' outputs
-  bool added = false;                // by the automatic path, which tries it anew
+  bool added = false;                // by the automatic path, which tries it again
   std::vector<Vector3d> compliance;  // about the axis and across it, rad/Nm
-  std::vector<double> turned;        // of the directions across the axis, about it, rad
+  std::vector<double> turned;        // rotation of the directions across the axis about it, rad
   std::vector<Vector3d> load;        // first moment of the link that the joint moves, kg m
   std::shared_ptr<const Skeleton> skeleton;
 };
 
-/// A NominalValue is what a parameter was before any calibration: what the automatic path's widths
-/// are centred on. A pose's stands in `pose`.
+/// A NominalValue is a parameter's value before any calibration. The automatic path's priors are
+/// centred on it. The value of a pose is in `pose`.
 struct NominalValue {
   std::string parameter;
   std::vector<double> numbers;
@@ -114,14 +114,14 @@ struct NominalValue {
 struct Rig {
   Tree tree;
   int base = 0;                       // link: frame of free target poses
-  std::vector<JointSettings> joints;  // by joint index; of those without a reading meaningless
+  std::vector<JointSettings> joints;  // by joint index; meaningless for joints without a reading
   std::vector<Target> targets;
   std::vector<Sensor> sensors;
   std::vector<LinkMass> masses;          // by link, as the URDF has them; empty: unknown
   std::optional<Elasticity> elasticity;  // none: joints do not bend (elasticity.h)
   std::vector<Step> steps;
-  std::vector<PriorSetting> priors;   // of the automatic path, where there are no steps
-  std::vector<NominalValue> nominal;  // of what an automatic calibration changed
+  std::vector<PriorSetting> priors;   // of the automatic path, if there are no steps
+  std::vector<NominalValue> nominal;  // of the parameters that an automatic calibration changed
 };
 
 enum class NoiseMode { latent, marginal, point, none };

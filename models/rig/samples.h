@@ -1,4 +1,4 @@
-// What was logged: samples, one posture of the robot each, and the views in them.
+// The logged data: samples, each with one posture of the robot, and their views.
 #pragma once
 
 #include <algorithm>
@@ -14,8 +14,9 @@
 
 namespace kincal {
 
-/// A SharedList is a list that is the same in many views: copies share it until one of them is
-/// changed. (With a hundred thousand samples the lists need more memory than the measurements.)
+/// A SharedList is a list that many views have in common: copies share it until one of them is
+/// changed. (With a hundred thousand samples, separate lists would need more memory than the
+/// measurements.)
 template <typename T>
 class SharedList {
  public:
@@ -45,7 +46,7 @@ class SharedList {
     return !(*this == other);
   }
 
-  /// Returns the list to be changed, which nothing shares from then on.
+  /// Returns the list for modification; it is no longer shared.
   std::vector<T>& own() {
     if (!list_ || list_.use_count() > 1)
       list_ = std::make_shared<std::vector<T>>(list_ ? *list_ : std::vector<T>());
@@ -58,16 +59,16 @@ class SharedList {
   std::shared_ptr<std::vector<T>> list_;
 };
 
-/// A View is what one sensor measured of one target in one sample.
+/// A View is a sensor's measurement of one target in one sample.
 struct View {
   int sensor = -1, target = -1;  // indices
   SharedList<int> ids;           // target points; empty where the sensor measures poses
-  std::vector<double> z;     // measurement_size() a point; pose: x y z qx qy qz qw; chain: empty
-  SharedList<double> sigma;  // as the sensor's, or the view's own
-  std::vector<Matrix3d> covariance;  // `point` sensors: one a point instead of sigma, or empty
+  std::vector<double> z;     // measurement_size() per point; pose: x y z qx qy qz qw; chain: empty
+  SharedList<double> sigma;  // the sensor's, or the view's own
+  std::vector<Matrix3d> covariance;  // `point` sensors: one per point instead of sigma, or empty
 };
 
-/// A Sample is one posture of the robot and everything seen in it.
+/// A Sample is one posture of the robot with all its views.
 struct Sample {
   std::string id;
   std::optional<double> time;
@@ -78,7 +79,8 @@ struct Sample {
   bool train = true;  // else held out
 };
 
-/// Returns the samples' indices by time if all of them have one, else as they stand in the file.
+/// Returns the samples' indices in the order of time if all have one, else in the order of the
+/// file.
 inline std::vector<int> logged_order(const std::vector<Sample>& samples) {
   std::vector<int> out(samples.size());
   std::iota(out.begin(), out.end(), 0);

@@ -1,17 +1,18 @@
-// What a sensor is: the contract between sensors, kinematics and solver, and the adapter that makes
-// one.
+// The interface between sensors, kinematics and solver, and the adapter that makes a sensor from a
+// function of one point.
 //
 // A target is rigid, so within one view everything geometric (a joint's offset, gear, link, mount,
-// the target's pose) acts on all its points through one 6-dof motion of the target in the sensor's
+// the target's pose) moves all its points by one 6-dof motion of the target in the sensor's
 // frame. A view's Jacobian therefore factors:  J = L M.  L (rows x columns of `Columns`) is the
 // sensor's own derivative; M, constant in a view, is the kinematics' derivative of that pose. A
-// sensor computes r and L for one view and knows nothing of kinematics.
+// sensor computes r and L for one view, independent of the kinematics.
 //
 // To add a sensor that sees single points, write a struct with
-//     static constexpr int kRows;          // residuals a point
-//     static constexpr int kMeasurementSize;  // measured numbers a point
-//     int parameter_count() const;         // own numbers: intrinsics, ... (at most kMaxParameters)
-//     bool residual(const double* parameters, const Vector3d& p_sensor, const double* z,
+//     static constexpr int kRows;          // residuals per point
+//     static constexpr int kMeasurementSize;  // measured values per point
+//     int parameter_count() const;         // own parameters: intrinsics, ... (at most
+//     kMaxParameters) bool residual(const double* parameters, const Vector3d& p_sensor, const
+//     double* z,
 //                   double* r, double* d_r_d_point, double* d_r_d_parameters) const;
 // (residual = predicted - measured; derivatives row-major, kRows x 3 and kRows x parameter_count,
 // either both given or both null; false where undefined) and wrap it:
@@ -32,62 +33,62 @@ namespace kincal {
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// A ParameterBlock is one group of a sensor's own numbers, e.g. "intrinsics" with fx fy cx cy.
+/// A ParameterBlock is a group of a sensor's own parameters, e.g. "intrinsics" with fx fy cx cy.
 struct ParameterBlock {
   std::string name;                     // parameter sensor/NAME/<name>
-  std::vector<std::string> components;  // component names; {""} for a single number
-  std::vector<std::string> units;       // one a component, "" for none
+  std::vector<std::string> components;  // component names; {""} if there is only one
+  std::vector<std::string> units;       // one per component, "" for none
   std::vector<double> values;           // initial values
 };
 
-/// A Scan describes the scanning joint of a sensor, the one joint that moves within a view:
-/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p,  q = the joint's
+/// A Scan describes the scanning joint of a sensor, the only joint that moves within a view:
+/// p_sensor = sensor_T_before * motion(direction * q) * behind_T_target * p, q = the joint's
 /// position at the reading z[0].
 struct Scan {
   Pose sensor_T_before;  // from the sensor's frame to the joint, on the sensor's side of it
   Pose behind_T_target;  // from the joint's other side to the target
   Vector3d axis;         // unit, the same seen from both sides
   bool prismatic = false;
-  int direction = -1;  // sign with which the path from sensor to target walks the joint
+  int direction = -1;  // +1: the path from sensor to target goes from parent to child
   const JointModel* model = nullptr;  // of the joint
-  const double* own = nullptr;        // its numbers
+  const double* own = nullptr;        // its parameters
 
   double position(double reading) const { return model->position(reading, own); }
 };
 
-/// A ViewInput is what a view shows its sensor. It points to data of others and lives for one
-/// evaluation.
+/// A ViewInput is the input of a sensor for one view. It points to data owned by others and is
+/// valid during one evaluation.
 struct ViewInput {
-  Pose sensor_T_target;                      // without a scanning joint
-  const Scan* scan = nullptr;                // with one
-  const double* parameters = nullptr;        // the sensor's own numbers, block after block
+  Pose sensor_T_target;                      // if there is no scanning joint
+  const Scan* scan = nullptr;                // if there is one
+  const double* parameters = nullptr;        // the sensor's own parameters, block after block
   const Eigen::Matrix3Xd* points = nullptr;  // the target's points in its own frame, m
-  const Eigen::Matrix3Xd* layout = nullptr;  // d points / d square (grids), else null
-  const Eigen::Matrix2Xd* bulge = nullptr;   // d points.z / d warp (boards that have it), else null
-  const int* ids = nullptr;                  // which of them are seen
-  int count = 0;                             // how many
-  const double* z = nullptr;  // count x measurement_size() numbers (a pose: 7, x y z qx qy qz qw)
+  const Eigen::Matrix3Xd* layout = nullptr;  // d points / d spacing (grids), else null
+  const Eigen::Matrix2Xd* bulge = nullptr;   // d points.z / d warp (boards with a warp), else null
+  const int* ids = nullptr;                  // indices of the seen points
+  int count = 0;                             // their number
+  const double* z = nullptr;  // count x measurement_size() values (a pose: 7, x y z qx qy qz qw)
   const double* sigma = nullptr;  // sigmas() standard deviations, for own_noise(); null: not known
 };
 
-/// Columns says where the columns of L are. A group of columns that the caller does not want is
-/// absent (-1).
+/// Columns are the positions of the columns of L. A group of columns that the caller does not need
+/// is absent (-1).
 struct Columns {
   int pose = 0;  // 6: twist of the target seen from the sensor; scanning: of the target in front of
                  // the joint's far side ("behind"), then 6 of the sensor's side at `sensor_side`,
-                 // then the joint's own numbers at `joint`
+                 // then the joint's own parameters at `joint`
   int sensor_side = -1, joint = -1;
-  int parameters = -1;  // own numbers
+  int parameters = -1;  // the sensor's own parameters
   int square = -1;      // spacing of a grid target
-  int warp = -1;        // 2, of a board that has it
-  int points = -1;      // 3 a target point
+  int warp = -1;        // 2, of a board with a warp
+  int points = -1;      // 3 per target point
   int total = 6;        // number of columns
-  /// Returns whether something of the target's shape is wanted.
+  /// Returns whether a column of the target's shape is needed.
   bool shape() const { return square >= 0 || warp >= 0 || points >= 0; }
 };
 
-/// A MeasurementKind is what a view measures of its target: starting values and the simulation
-/// depend on it.
+/// A MeasurementKind is the kind of measurement that a view has of its target. Starting values and
+/// the simulation depend on it.
 enum class MeasurementKind {
   rays,    // two residuals a point, of a direction: cameras (PnP)
   points,  // 3-D points in the sensor's frame (rigid fit)
@@ -97,70 +98,72 @@ enum class MeasurementKind {
   none
 };
 
-/// A NoisePart is a range of a sensor's sigmas: those that belong to one kind of noise.
+/// A NoisePart is a range of a sensor's sigmas that belong to one kind of noise.
 struct NoisePart {
   const char *name, *unit;
   int first, count;
 };
 
-/// A SensorModel is a type of sensor. It is stateless and shared: an instance's numbers are in its
-/// parameter blocks.
+/// A SensorModel is a type of sensor. It is stateless and shared; the parameters of an instance are
+/// in its parameter blocks.
 class SensorModel {
  public:
   virtual ~SensorModel() = default;
-  /// Returns the number of residuals a point. A sensor that measures poses has one "point" a view.
+  /// Returns the number of residuals per point. A sensor that measures poses has one "point" per
+  /// view.
   virtual int rows() const = 0;
-  /// Returns the measured numbers a point (a view, if the sensor measures poses).
+  /// Returns the number of measured values per point (per view, if the sensor measures poses).
   virtual int measurement_size() const = 0;
-  /// Returns the number of sigmas that the sensor takes: one a residual, where it has no own_noise.
+  /// Returns the number of the sensor's sigmas: one per residual, unless it has own_noise.
   virtual int sigmas() const { return rows(); }
   /// Returns the unit of the residuals, "px" or "m".
   virtual const char* unit() const { return "m"; }
-  /// Returns whether the sensor measures the target's pose, not its points: ids do not apply then,
-  /// and its points do not matter.
+  /// Returns whether the sensor measures the target's pose instead of its points. Ids and points
+  /// are then ignored.
   virtual bool measures_pose() const { return false; }
   virtual bool scans() const { return false; }
   virtual MeasurementKind measurement_kind() const { return MeasurementKind::none; }
-  /// Returns the residual blocks of a view of n points: n, or 1 if the sensor measures poses. A
-  /// loss acts on each.
+  /// Returns the number of residual blocks of a view of n points: n, or 1 if the sensor measures
+  /// poses. A loss acts on each block.
   int blocks(int count) const { return measures_pose() ? 1 : count; }
 
   /// Computes the raw residuals r (blocks * rows) and, if L is given (same rows, columns.total,
-  /// zero-initialised by the caller), their derivatives. False where a residual is undefined (a
-  /// point behind the camera). It does not allocate.
+  /// zero-initialised by the caller), their derivatives. Returns false if a residual is undefined
+  /// (a point behind the camera). It does not allocate.
   virtual bool evaluate(const ViewInput& view, const Columns& columns, double* r,
                         Eigen::Ref<RowMatrix>* L) const = 0;
 
   /// True if the sensor's own noise depends on the predicted view: block i has the covariance B
   /// diag(sigma^2) B'.
   virtual bool has_own_noise() const { return false; }
-  /// True if the own noise depends on where the target is; else, of a scanning sensor, only on what
-  /// moves the sensor's side of its joint, and on the joint's numbers.
+  /// True if the own noise depends on the target's pose. Otherwise, for a scanning sensor, it
+  /// depends only on parameters on the sensor side of the scanning joint and on that joint's own
+  /// parameters.
   virtual bool noise_sees_target() const { return has_own_noise(); }
   /// Computes B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
-  /// Returns the kinds of noise that its residuals can distinguish, in order. Where there are
-  /// several, whitened residual i of a block is of the part with sigma i.
+  /// Returns the kinds of noise that its residuals can distinguish, in order. If there are several,
+  /// whitened residual i of a block belongs to the part with sigma i.
   virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
-  /// Returns the inner loop of evaluate() for several points at a time, or null if the sensor has
+  /// Returns the inner loop of evaluate() for several points at a time; null if the sensor has
   /// none.
   virtual ViewKernel kernel() const { return nullptr; }
-  /// Computes what the kernel compares with, rows() numbers a point, component after component,
-  /// `stride` apart: what a view of n points measured, or what follows from it.
+  /// Computes the values that the kernel compares its predictions with, from the measurements z of
+  /// n points: rows() values per point, component after component, `stride` apart.
   virtual void compared(const double* z, int n, int stride, double* to) const;
-  /// Returns the same sensor in noise mode `point`, if it differs there (a chain then has residuals
+  /// Returns the same sensor in noise mode `point` if it differs there (a chain then has residuals
   /// at each target point); else null.
   virtual const SensorModel* point_form() const { return nullptr; }
 };
 
 constexpr int kMaxParameters = 20;
 
-/// These are derivatives of a residual by the point in the sensor's frame, row-major.
+/// Derivatives of a residual by the point in the sensor's frame, row-major.
 using PointDerivatives =
     Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
 
-/// Fills in the derivative rows of one point: how a residual with d_r_d_p changes with the target's
-/// shape.
+/// Fills in the derivatives of one point's residuals by the target's shape; d_r_d_p are those by
+/// the point.
 inline void point_rows(const ViewInput& view, const Columns& c, int i,
                        const PointDerivatives& d_r_d_p, const Matrix3d& sensor_R_target,
                        Eigen::Ref<RowMatrix>& L) {
@@ -176,7 +179,7 @@ inline void point_rows(const ViewInput& view, const Columns& c, int i,
   }
 }
 
-/// A PointwiseSensor makes a SensorModel of a pointwise residual; see the head of this file.
+/// A PointwiseSensor makes a SensorModel from a pointwise residual (see the top of this file).
 template <class S>
 class PointwiseSensor final : public SensorModel {
  public:

@@ -1,4 +1,4 @@
-// The sensors that kincal knows, each with its header; made here by type so that files can name
+// The built-in sensors. Each has its own header; they are made here by type, so that files can name
 // them.
 #pragma once
 
@@ -12,41 +12,42 @@ namespace kincal {
 
 enum class Lens { pinhole, brown_conrady, kannala_brandt, unified, double_sphere };
 
-/// A LensType says what files call a lens, and its distortion.
+/// A LensType has the name of a lens in files, and its distortion coefficients.
 struct LensType {
   Lens lens;
-  const char* name;                  // as rig.yaml has it
+  const char* name;                  // in rig.yaml
   std::vector<std::string> numbers;  // their names, in order
-  std::vector<int> counts;           // how many of them a camera may have
-  std::vector<double> plain;         // where nothing is known of them; as many zeros more as it has
+  std::vector<int> counts;           // permitted numbers of these
+  std::vector<double> plain;         // default values; missing ones are 0
 };
 const std::vector<LensType>& lens_types();
 const LensType& lens_type(Lens lens);
-/// Returns the lens of a camera with these blocks of own numbers, by the names of its distortion.
+/// Returns the lens of a camera with these parameter blocks, identified by the names of its
+/// distortion coefficients.
 const LensType& lens_type(const std::vector<ParameterBlock>& camera);
 
 /// Makes a camera along +z, x right, y down, px. Its own blocks are "intrinsics" fx fy cx cy,
-/// "distortion" (as many numbers as its LensType allows; pinhole: none, the block absent),
-/// "baseline" (m), in this order. @throws std::invalid_argument: so many numbers it does not have.
+/// "distortion" (a count that its LensType permits; pinhole: none, the block is absent), "baseline"
+/// (m), in this order. @throws std::invalid_argument: a count that the lens does not permit.
 std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count);
-/// Returns the blocks above with component names and units; `distortion` has as many numbers as the
-/// lens asks.
+/// Returns these blocks with component names and units. `distortion` has the number of coefficients
+/// that the lens requires.
 std::vector<ParameterBlock> camera_parameters(Lens lens, const std::vector<double>& intrinsics,
                                               const std::vector<double>& distortion,
                                               double baseline);
 /// Makes a sensor of 3-D points in its own frame, m.
 std::shared_ptr<const SensorModel> make_point();
-/// Makes the same with scale and offset (m) of the range along the ray. Its own blocks are
+/// Makes the same with a scale and an offset (m) of the range along the ray. Its own blocks are
 /// "range_scale" and "range_offset".
 std::shared_ptr<const SensorModel> make_ranged_point();
 std::vector<ParameterBlock> range_parameters(double scale, double offset);
-/// Makes a sensor of sensor_T_target; its numbers are x y z qx qy qz qw.
+/// Makes a sensor that measures sensor_T_target as x y z qx qy qz qw.
 std::shared_ptr<const SensorModel> make_pose();
-/// Makes a chain: the joint readings are the measurement, the target is at link_T_target. It has no
-/// numbers.
+/// Makes a chain: its measurement is the joint readings, and the target is at link_T_target. It has
+/// no parameter blocks.
 std::shared_ptr<const SensorModel> make_chain();
-/// Makes a laser of rays (reading of the scanning joint, bearing, range); its sigma has the same
-/// three.
+/// Makes a laser with rays (reading of the scanning joint, bearing, range). Its sigmas are of the
+/// same three quantities.
 std::shared_ptr<const SensorModel> make_tilting_laser();
 
 }  // namespace kincal
