@@ -1,9 +1,9 @@
-// The facade: a recording in, its steps of estimation, a solution out. It prints nothing and
+// The main interface: runs the steps of a recording and returns a solution. It prints nothing and
 // touches no files. Use:
 //     Calibration calibration(make_recording(rig, samples), options);
 //     const Solution& solution = calibration.solve();
 // Analyses of a solution are functions in models/analysis, other calibrations of the same recording
-// in models/trials; all of it in the right order is models/report/study.h.
+// in models/trials; models/report/study.h runs everything in the right order.
 #pragma once
 
 #include <functional>
@@ -29,26 +29,26 @@ struct CalibrationOptions : StepSelection {
   Progress progress;         // a cancelled calibration has Status::cancelled
 };
 
-/// StepVariations are how trials run the same steps differently.
+/// StepVariations are changes that trials make to the same steps.
 struct StepVariations {
-  std::optional<VectorXd> start;  // shared values for the first step to start from; estimates still
-                                  // count from the rig's
-  /// It is called before each step with its plan, the values that estimates count from, and the
-  /// values that the step starts from, to be moved.
+  std::optional<VectorXd> start;  // starting values of the shared parameters in the first step;
+                                  // estimates still count from the rig's
+  /// Called before each step with its plan, the values that estimates count from, and the step's
+  /// starting values, which it may change.
   std::function<void(const StepPlan&, const VectorXd&, VectorXd&)> before_step;
   /// By sensor: final scales of the last step's loss if they come from the data; empty: from the
   /// residuals.
   std::vector<double> noise_ratios;
   bool robust = false;  // every step by a graduated fit (fitting/robust.h), not to convergence;
-                        // samples that cannot start stay out
+                        // samples that cannot start are left out
 };
 
-/// Runs the steps of a recording. How they ended is the solution's status and message.
+/// Runs the steps of a recording. The outcome is the solution's status and message.
 /// @throws NameError, std::invalid_argument as resolve_steps() (plan.h).
 Solution calibrate(const std::shared_ptr<const Recording>& recording,
                    const CalibrationOptions& options, const StepVariations& variations = {});
 
-/// A Calibration can be repeated: a robot that watches itself replaces samples and solves again,
+/// A Calibration can be repeated: a robot that monitors itself replaces samples and solves again,
 /// without analysis or allocation.
 class Calibration {
  public:
@@ -69,15 +69,15 @@ class Calibration {
   /// Quantities computed from these (estimates, covariance, unobservable directions, dof_data) stay
   /// empty until last() computes them. The reference is valid until the next call.
   const Solution& solve();
-  /// Returns the solution of the last solve(), complete: estimates and covariance are those of its
+  /// Returns the complete solution of the last solve(), with estimates and covariance at its
   /// values.
   const Solution& last();
 
-  /// Replaces the values (readings, measured values, sigmas of both) of a sample; without
-  /// allocation. A sample without its own sigmas for its readings (`noise`) has the rig's, even if
-  /// the replaced one had its own. Solutions of earlier solves keep their values but share this
+  /// Replaces the values (readings, measured values, sigmas of both) of a sample, without
+  /// allocation. If `sample` has no sigmas for its readings (`noise`), the rig's apply, even if the
+  /// replaced sample had its own. Solutions of earlier solves keep their values but share this
   /// recording: analyses of them use the new values. @throws std::invalid_argument: no such sample,
-  /// or it has other views, points or another count of sigmas than the one that it replaces.
+  /// or its views, points or count of sigmas differ from those of the sample that it replaces.
   void replace(int slot, const Sample& sample);
 
  private:

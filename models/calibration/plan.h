@@ -1,5 +1,5 @@
-// What a calibration will do, step by step: names become parameters, priors components, and what
-// nothing depends on is left out.
+// The plan of a calibration, step by step: names are resolved to parameters, priors to components;
+// parameters that no measurement depends on are omitted.
 #pragma once
 
 #include <string>
@@ -15,10 +15,10 @@ namespace kincal {
 struct StepSelection {
   std::string last_step;  // all steps up to this one run; empty: all
   std::vector<std::string> free,
-      fix;  // names and globs, added to and taken from the last step that runs
+      fix;  // names and globs, added to and removed from the last step that runs
 };
 
-/// A StepPlan is what a step will do.
+/// A StepPlan is the plan of a step.
 struct StepPlan {
   std::string name;
   std::vector<int> sensors;
@@ -26,19 +26,19 @@ struct StepPlan {
   std::vector<Freed> free;
   std::vector<Prior> priors;
   std::vector<std::string> unused,
-      held_out;  // freed names that no measurement depends on; that only held-out samples see
-  std::vector<Freed> seen_held_out;         // what `held_out` names, as the step frees it
+      held_out;  // estimated names on which no measurement depends; or only held-out samples
+  std::vector<Freed> seen_held_out;  // the parameters of `held_out`, as the step estimates them
   std::vector<std::string> without_effect;  // of the last step: one message for each free and fix
                                             // of the selection that changes nothing
   long rows = 0,
        unknowns =
            0;  // whitened residuals, joint-error and prior terms; shared and private unknowns
   int samples = 0;
-  bool repeated = false;  // a later step frees all that this one frees: it is a start for that one
+  bool repeated = false;  // a later step estimates all parameters of this one, which only starts it
 };
 
-/// Returns the plans of all steps that run, except for their counts. Errors of the selection begin
-/// with "free[N]" or "fix[N]", the place in its lists, or with "last_step". @throws NameError;
+/// Returns the plans of all steps that run, without counts. Errors of the selection begin with
+/// "free[N]" or "fix[N]", the place in its lists, or with "last_step". @throws NameError;
 /// std::invalid_argument naming the place: a rig without steps, an unknown last step, a pattern
 /// without a match, a prior without an estimated parameter, a step without estimated parameters or
 /// measurements.

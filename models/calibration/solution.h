@@ -1,5 +1,5 @@
-// What a calibration found: the values, what is known of them, and how it got there. Residuals,
-// noise levels, weak directions and warnings are made of it by models/analysis and models/report.
+// The outcome of a calibration: values, their uncertainty, and the course of the steps. From it,
+// models/analysis and models/report compute residuals, noise levels, weak directions and warnings.
 #pragma once
 
 #include <memory>
@@ -18,7 +18,7 @@ namespace kincal {
 
 class Estimation;
 
-/// A Direction of the parameters has names of components and coefficients, in real units.
+/// A Direction of the parameters: names of components with coefficients, in real units.
 using Direction = std::vector<std::pair<std::string, double>>;
 
 struct StepResult {
@@ -40,10 +40,10 @@ struct ParameterEstimate {
   std::string name;
   std::vector<std::string> components, units;
   std::vector<double> initial, value;  // poses: increments from the initial pose
-  std::vector<double> sigma;           // NaN: unobservable; 0: held
-  std::vector<char> freed;             // components that some step freed
+  std::vector<double> sigma;           // NaN: unobservable; 0: fixed
+  std::vector<char> freed;             // components that some step estimated
   std::vector<double> prior;           // sigmas of the last step's priors, 0: none
-  std::string step;                    // the last that freed it
+  std::string step;                    // the last that estimated it
   std::optional<Pose> pose;            // absolute, of poses
   int parameter = -1;                  // index in the table
 
@@ -64,16 +64,16 @@ enum class Status {
   unexplained
 };
 
-/// A ReplacedStart is a pose that the rig gives, that the data contradict, and from which the
-/// calibration did not start (calibration/start_poses.h).
+/// A ReplacedStart is a pose in the rig that the data contradict, and from which the calibration
+/// therefore did not start (calibration/start_poses.h).
 struct ReplacedStart {
   std::string name;
   double moved = 0, turned = 0;  // from the given pose to the estimate: m, rad
   double cost_per_dof = 0;       // where the run from the given pose ended; 0: it could not start
 };
 
-/// LastProblem is the last step's problem at the solution, observed: what analyses start from. Only
-/// analysis/linearisation needs it.
+/// LastProblem is the last step's problem at the solution with its observability, the input of
+/// analyses. Only analysis/linearisation uses it.
 struct LastProblem {
   std::shared_ptr<Estimation> problem;
   VectorXd state;
@@ -88,9 +88,9 @@ struct Prediction {
   MatrixXd covariance;
 };
 
-/// DataEquations contain the information of the data alone, without the priors of shared unknowns,
-/// at a solution: N d = pull for an increment d of its values. N is the information matrix; its
-/// null space are the directions that the data do not determine.
+/// DataEquations are the information of the data alone at a solution, without the priors of shared
+/// unknowns: N d = pull for an increment d of its values. N is the information matrix; its null
+/// space are the directions that the data do not determine.
 struct DataEquations {
   std::vector<Component> columns;
   MatrixXd normal;
@@ -100,43 +100,45 @@ struct DataEquations {
 struct Solution {
   std::shared_ptr<const Recording> recording;
   Status status = Status::converged;
-  std::string message;  // why it is not usable: a sentence; else empty
+  std::string message;  // reason why it is not usable, a sentence; else empty
   NoiseMode noise = NoiseMode::latent;
   double chi2 = 0, cost = 0;
   long dof = 0;
   // Measurements and joint errors only: without the terms of priors of shared parameters, and with
-  // the effective number of parameters, tr(H_data H^-1), in place of that of the unknowns. What
-  // priors decide costs the data no freedom; so chi2_data / dof_data is near 1 where the noise is
-  // as stated, however many priors there are. (chi2 / dof is not: a prior wider than
-  // the error it allows for adds a degree of freedom and next to nothing to chi2.)
+  // the effective number of parameters, tr(H_data H^-1), in place of that of the unknowns.
+  // Components that priors determine take no degrees of freedom from the data; so chi2_data /
+  // dof_data is near 1 if the noise is as stated, independent of the number of priors. (chi2 / dof
+  // is not: a prior wider than the actual error adds a degree of freedom and almost nothing to
+  // chi2.)
   double chi2_data = 0;
   double dof_data = 0;
   std::vector<StepResult> steps;
   std::vector<Component> columns;  // unknowns of the last step, in the order of the covariance
-  VectorXd initial;  // shared values that estimates count from: the rig's, closed-form ones of
-                     // poses that it leaves open
+  VectorXd initial;  // shared values that estimates count from: the rig's, or the closed form
+                     // for its open poses
   EstimationSetup
       setup;      // of the last step: Estimation(*recording, training(), setup) at pack(values)
   Values values;  // shared parameters; poses and joint errors of the training samples
-  std::vector<Freed> seen_held_out;  // parameters that the steps free and only held-out samples see
+  std::vector<Freed>
+      seen_held_out;  // parameters that the steps estimate and only held-out samples see
   std::vector<std::string>
       computed_starts;  // poses absent from the rig whose initial value comes from the data
-  std::vector<std::string> identity_starts;  // poses absent from the rig and freed in part or with
-                                             // a prior: they start at the identity
+  std::vector<std::string> identity_starts;  // poses absent from the rig, and estimated in part or
+                                             // with a prior: they start at the identity
   std::vector<std::string>
-      lost_starts;  // those of computed_starts that nothing with a known pose ties down
-  std::vector<AmbiguousStart> ambiguous_starts;  // those that the data give in several ways
+      lost_starts;  // those of computed_starts that have no relation to a known pose
+  std::vector<AmbiguousStart> ambiguous_starts;  // those with several solutions
   std::vector<ReplacedStart> replaced_starts;    // given poses that the data contradict
   std::vector<std::string> without_effect;       // as in the last step's plan
   std::optional<Prediction> prediction;
-  std::optional<DataEquations> data;  // where the last step held some of what is asked about
+  std::optional<DataEquations> data;  // if the last step fixed some of the requested parameters
                                       // (analysis/data_equations.h)
-  std::shared_ptr<LastProblem> last;  // null: to be made again (analysis/linearisation.h)
+  std::shared_ptr<LastProblem> last;  // null: to be computed again (analysis/linearisation.h)
 
-  // Made of the values at the end of calibrate(). A repeated Calibration::solve() leaves them
-  // empty, and dof_data NaN; Calibration::last() makes them.
+  // Computed from the values at the end of calibrate(). A repeated Calibration::solve() leaves them
+  // empty, and dof_data NaN; Calibration::last() computes them.
   std::vector<ParameterEstimate>
-      parameters;                       // everything that any step freed, in the order of the steps
+      parameters;                       // all that any step estimated, in the order of the steps
   std::vector<Direction> unobservable;  // of the last step
   MatrixXd covariance;
 
@@ -144,29 +146,29 @@ struct Solution {
   const ParameterTable& table() const { return recording->table; }
   const std::vector<Sample>& samples() const { return recording->samples; }
   std::vector<int> training() const { return recording->training(); }
-  /// Returns chi2_data / dof_data; NaN where there are no degrees of freedom.
+  /// Returns chi2_data / dof_data; NaN without degrees of freedom.
   double chi2_per_dof() const;
 
-  /// True if there are values that can be used: every step converged, and no study found that the
-  /// model does not explain the data. (Directions may be
-  /// unobservable: these keep their initial values, and their sigmas are NaN.)
+  /// True if the values can be used: every step converged, and no study found that the model does
+  /// not explain the data. (Unobservable directions keep their initial values, and their sigmas are
+  /// NaN.)
   bool usable() const { return status == Status::converged || status == Status::unobservable; }
   /// Returns the estimate of a parameter. @throws std::out_of_range if no step estimated it, or if
-  /// estimates are left to Calibration::last().
+  /// Calibration::last() has yet to compute the estimates.
   const ParameterEstimate& operator[](const std::string& name) const;
   /// Returns the value of a pose parameter, estimated or not: "sensor/head_camera/pose" is
   /// link_T_sensor. @throws std::out_of_range: no such pose.
   Pose pose(const std::string& name) const;
-  /// Returns the robot with calibrated origins, offsets folded in: position = scale * reading from
-  /// then on.
+  /// Returns the robot with calibrated origins and offsets folded in: its positions are scale *
+  /// reading.
   Tree tree() const;
 };
 
-/// Passes a solution on that was not cancelled. @throws Cancelled
+/// Returns the solution. @throws Cancelled if it was cancelled
 Solution uncancelled(Solution solution);
 
-/// A RobotModel has parent_T_joint and offset of every joint as estimated; an origin that did not
-/// change is the rig's to the last bit.
+/// A RobotModel has the estimated parent_T_joint and offset of every joint. An unchanged origin is
+/// the rig's to the last bit.
 struct RobotModel {
   std::vector<Pose> origins;
   std::vector<double> offsets;
@@ -174,17 +176,17 @@ struct RobotModel {
 RobotModel robot_model(const Solution& solution);
 
 // How calibrate() fills in a solution, step by step.
-/// Returns the unobservable directions by the names of their components.
+/// Returns the unobservable directions with the names of their components.
 std::vector<Direction> named_directions(const ParameterTable& table,
                                         const std::vector<Component>& columns,
                                         const Observability& observability);
-/// Sets the sigmas, priors and step of the estimates that `columns` are, as a step ended.
+/// Sets the sigmas, priors and step of the estimates in `columns` at the end of a step.
 void set_sigmas(const Observability& observability, const std::string& step,
                 const std::vector<Prior>& priors, Solution& solution);
 /// Sets the values of all estimates from those of the shared parameters.
 void set_values(Solution& solution);
-/// Makes dof_data, the estimates of the last step, covariance and unobservable directions those of
-/// other values, which the last step has led to.
+/// Recomputes dof_data, the last step's estimates, the covariance and the unobservable directions
+/// at the current values of a repeated last step.
 void complete(Solution& solution);
 
 }  // namespace kincal

@@ -1,30 +1,29 @@
-// Has something moved since the calibration? A sequential test on equations of samples that come
-// one at a time, with a stated rate of false alarms. Linear algebra only: it knows nothing of
-// robots.
+// Detects whether something has moved since the calibration: a sequential test on the equations of
+// samples, one at a time, with a given rate of false alarms. Linear algebra only, without robots.
 //
-// Model. d is by how much the parameters differ from the calibrated values, N(0, P) with P the
-// calibration's covariance. Sample i says  y_i = J_i d + e_i, e_i ~ N(0, 1). What could have
-// happened: from sample t on, the parameters of one group g are off by x ~ N(0, w^2 W_g^2) besides;
-// W_g is the group's usual change and w one of 1, 1/10, 1/100 (equally likely), because nobody
-// knows how hard a robot is hit.
+// Model. d is the difference of the parameters from the calibrated values, N(0, P) with P the
+// calibration's covariance. Sample i measures  y_i = J_i d + e_i, e_i ~ N(0, 1). Possible
+// changes: from sample t on, the parameters of one group g have a further error x ~ N(0, w^2
+// W_g^2); W_g is the group's usual change and w one of 1, 1/10, 1/100 (equally likely), because the
+// strength of a collision is unknown.
 //
-// Test. As long as nothing happens the innovations  v_i = y_i - J_i d_i  are independent,
+// Test. While nothing moves, the innovations  v_i = y_i - J_i d_i  are independent,
 // N(0, S_i = 1 + J_i P_i J_i'), where d_i, P_i are the estimate of d from P and all samples before
-// i (Kalman's filter). A change x shows in them as J_i x, as long as the filter has not taken it
-// for an error of the calibration; so with
+// i (Kalman's filter). A change x shows in them as J_i x, unless the filter has attributed it
+// to an error of the calibration; so with
 //     A = sum J_i' S_i^-1 J_i,  b = sum J_i' S_i^-1 v_i  (of g; samples from t on)
 //     log B(g, w, t) = 1/2 b'(A + (w W)^-2)^-1 b - 1/2 log|1 + w^2 W A W|
 // and  R = sum over t of the mean over g and w of B, of those B above 99. With all of them R minus
-// the number of samples is a martingale while nothing happens, so the mean time until R reaches a
+// the number of samples is a martingale while nothing moves, so the mean time until R reaches a
 // limit is the mean of R at that moment (Shiryaev and Roberts; Pollak, Annals of Statistics 13
-// (1985)). Changes that would not show in the data have B near 1 for ever; without them R is
-// smaller and alarms are rarer. The mean time is kOvershoot times the limit, because R leaps over
-// it, and rare leaps are far.
+// (1985)). For changes with no effect on the data, B remains near 1; without them R is
+// smaller and alarms are rarer. The mean time is kOvershoot times the limit, because R jumps over
+// it, and rare jumps are large.
 //
-// Start times are kept ever sparser, as they lie back: kPerSpan of each span 1, 2, 4 ... samples.
-// One that stands for m others counts m times. What drops out is older than kSpans spans.
+// Start times are kept more sparsely the older they are: kPerSpan of each span 1, 2, 4 ... samples.
+// One that represents m others counts m times. Those older than kSpans spans are dropped.
 //
-// What has happened is told by the whole model (moved()): before t the filter's d_t, P_t, from then
+// The whole model determines the change (moved()): before t the filter's d_t, P_t, from then
 // on the sums of J_i'J_i and J_i'y_i, with every group and d estimated together.
 #pragma once
 
@@ -40,80 +39,84 @@ class StateBytes;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-/// By how much R exceeds the limit in the mean: 5 to 7 in simulations of groups of one to six
-/// columns and widths of 5 to 100 sigmas (tests/models/monitor/drift_watch_test.cpp).
+/// Mean factor by which R exceeds the limit at an alarm: 5 to 7 in simulations of groups of one to
+/// six columns and widths of 5 to 100 sigmas (tests/models/monitor/drift_watch_test.cpp).
 constexpr double kOvershoot = 5;
 
 /// Share of healthy samples, or points of an image, that count as outliers: one in a million.
 constexpr double kOutlier = 1e-6;
-/// Residuals that count for a noise before any are seen: its relative error is a quarter. With 5,
-/// on simulated PR2 data, the scatter of the first factors caused 6 false alarms instead of the
-/// stated 2.6. With twice the noise there was none with 5 and one with 10, in 300 samples.
+/// Number of residuals that the initial value of a noise factor counts as; its relative error is
+/// then a quarter. With 5, on simulated PR2 data, the scatter of the first factors caused 6 false
+/// alarms instead of the expected 2.6. With twice the noise there was none with 5 and one with 10,
+/// in 300 samples.
 constexpr double kNoiseKnown = 10;
 
-/// A DriftGroup is what moves together: columns of the equations, and how far they usually do.
+/// A DriftGroup is a set of columns of the equations that change together, with their usual
+/// changes.
 struct DriftGroup {
   std::string name;
   std::vector<int> columns;
-  VectorXd width;  // one a column, in its unit
+  VectorXd width;  // one per column, in its unit
 };
 
-/// A Moved is a group that may have moved, how far, and how likely it is that it was this one.
+/// A Moved is a group that may have moved, with the change and the probability that it was this
+/// group.
 struct Moved {
   int group = -1;
-  double probability = 0;  // of all groups
+  double probability = 0;  // among all groups
   long since = 0;          // sample
-  VectorXd change, sigma;  // by the group's columns
+  VectorXd change, sigma;  // one per column of the group
   double chi2 = 0;         // of the samples since then, with it
-  long residuals = 0;      // that their equations stand for
+  long residuals = 0;      // number of residuals in their equations
 };
 
 class DriftWatch {
  public:
-  /// `covariance` is P. All memory is allocated here. `most_rows`: of the equations of one sample.
-  /// @throws std::invalid_argument: sizes that do not fit, a column that does not exist, a width
-  /// that is not positive, a rate below 1
+  /// `covariance` is P. All memory is allocated here. `most_rows` is the largest number of
+  /// equations of one sample. @throws std::invalid_argument: sizes that do not match, a column that
+  /// does not exist, a width that is not positive, a rate below 1
   DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups, double samples_between_alarms,
              int most_rows);
 
-  /// Looks at the equations of a sample, rows x columns and rows, already divided by the noise: at
-  /// most most_rows. They stand for so many residuals (-1: as many as rows). Returns v'S^-1 v.
-  /// Allocates nothing.
+  /// Evaluates the equations of a sample (j: rows x columns, y: rows), already divided by the
+  /// noise; at most most_rows. `residuals` is the number of residuals that they represent (-1: the
+  /// number of rows). Returns v'S^-1 v. Allocates nothing.
   double look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y,
               long residuals = -1);
-  /// Takes the equations that it looked at last. With `learn` the filter does, too; without, only
-  /// the test (samples that fit badly must not spoil the estimate). While there is an alarm the
-  /// filter learns nothing and no start begins: what has moved would spoil both. `sample` is its
-  /// number, for Moved::since. Allocates nothing.
+  /// Adds the equations last passed to look(). With `learn` they update the filter and the test,
+  /// otherwise only the test (samples that fit badly must not corrupt the estimate). During an
+  /// alarm the filter is not updated and no start is added, because the change would corrupt both.
+  /// `sample` is the sample's number, for Moved::since. Allocates nothing.
   void take(bool learn, long sample);
 
   /// Returns log R; -infinity before the first sample.
   double log_statistic() const { return log_statistic_; }
-  /// True from the sample on where R reached the limit, until restart().
+  /// True from the sample at which R reached the limit, until restart().
   bool alarm() const { return alarm_; }
-  /// Returns which groups may have moved, the likeliest first. Allocates.
+  /// Returns the groups that may have moved, most likely first. Allocates.
   std::vector<Moved> moved() const;
-  /// Counts changes from now on; with the first of `found` known to have happened, which the
-  /// estimate and its covariance then contain. Allocates.
+  /// Starts counting changes again. If `found` is not empty, its first change is accepted: the
+  /// estimate and its covariance then include it. Allocates.
   void restart(const std::vector<Moved>& found);
 
   const std::vector<DriftGroup>& groups() const { return groups_; }
-  /// Returns the estimate of d after all samples, and its covariance.
+  /// Both return the estimate of d after all samples, and its covariance.
   const VectorXd& mean() const { return mean_; }
   const MatrixXd& covariance() const { return covariance_; }
 
-  /// Writes or reads (state_bytes.h) what it has learnt: of a watch made with the same arguments.
-  /// @throws std::invalid_argument: the bytes are not such; some of it may have been read then
+  /// Writes or reads the learned state (state_bytes.h) of a watch made with the same arguments.
+  /// @throws std::invalid_argument: the bytes are invalid; part of the state may have been read
+  /// then
   void transfer(StateBytes& bytes);
 
  private:
   static constexpr int kPerSpan = 2, kSpans = 14;
 
-  /// A Start is a sample from which on something may have moved.
+  /// A Start is a sample from which something may have moved.
   struct Start {
     long first = 0;
-    double weight = 0;                  // so many start times
-    bool sure = false;                  // it was this sample
+    double weight = 0;                  // number of start times that it represents
+    bool sure = false;                  // it was exactly this sample
     std::vector<MatrixXd> information;  // A, by group
     std::vector<VectorXd> pull;         // b
     VectorXd mean;                      // of the filter before it
@@ -130,7 +133,7 @@ class DriftWatch {
   std::vector<DriftGroup> groups_;
   double log_limit_;
   long latest_ = 0;
-  bool alarm_ = false, streak_ = false;  // the sample before was not learnt from
+  bool alarm_ = false, streak_ = false;  // streak: the filter did not learn from the last sample
   double log_statistic_;
   VectorXd mean_;
   MatrixXd covariance_;

@@ -1,25 +1,25 @@
-// Is the robot still the one that was calibrated? A monitor is given samples one at a time and says
-// of each how well it fits the calibration, and of all whether something has moved since: what, by
-// how much, since when.
+// Checks whether the robot still matches its calibration. A monitor receives samples one at a time.
+// It reports how well each fits, and whether something has moved since: what, by how much, since
+// when.
 //
-// A sample is linearised at the calibrated values, with poses of free targets and errors of joints
-// as this sample alone has them. Its residuals, divided by their sigmas, are split by orthogonal
+// A sample is linearised at the calibrated values, with poses of free targets and joint errors
+// estimated from this sample alone. Its residuals, divided by their sigmas, are split by orthogonal
 // transformations (estimation.h, noise_rows()) into
-//   - what no parameter changes: the noise of the sensor alone (scans have no such part: their
-//     derivatives depend on the noise);
-//   - what only the sample's own unknowns change, which says nothing;
-//   - the rest, y = J d + e: how all parameters differ from the calibrated values. Its innovation
-//     (drift_watch.h) has the covariance of the noise, of the joints' readings and of the
-//     uncertainty that the calibration and the samples before leave.
-// Each kind of noise, of a part of a sensor or of a joint's readings, has a factor over the stated
-// one, that of all samples so far; it begins at 1, as if kNoiseKnown residuals had been seen.
-// A sample is an outlier where one of these parts is larger than by chance in kOutlier of all
-// samples. One outlier is left out. From the second in a row on the drift watch counts them, the
-// first too: outliers come alone, and what has moved stays there. The estimate is not changed by
-// any. Where outliers raise the alarm and the likeliest group leaves them outliers, it is no drift:
-// they are unexplained.
+//   - a part that no parameter changes: the noise of the sensor alone (scans have none, because
+//     their derivatives depend on the noise);
+//   - a part that only the sample's own unknowns change, which has no information;
+//   - the rest, y = J d + e: the difference of all parameters from the calibrated values. Its
+//     innovation (drift_watch.h) has the covariance of the noise, of the joints' readings and of
+//     the uncertainty that remains after the calibration and the earlier samples.
+// Each kind of noise (of a part of a sensor or of a joint's readings) has a factor over the stated
+// noise, from all samples so far; it begins at 1, as if kNoiseKnown residuals had been seen.
+// A sample is an outlier if one of these parts is larger than it is by chance in kOutlier of all
+// samples. A single outlier is left out. From the second in a row, the drift watch counts them, the
+// first included: outliers are isolated, and a change persists. No outlier changes the estimate. If
+// outliers raise the alarm and the most likely group does not explain them, it is no drift: they
+// are unexplained.
 //
-// A group is what moves together (moving_groups.h).
+// A group is a set of parameters that move together (moving_groups.h).
 #pragma once
 
 #include <map>
@@ -33,34 +33,34 @@
 namespace kincal {
 
 /// A CalibratedState is the result of a calibration: values (ParameterTable's layout) and the
-/// covariance of the components that were estimated; all others are known exactly.
+/// covariance of the estimated components; all others count as exact.
 struct CalibratedState {
   Rig rig;
   VectorXd values;
   std::vector<Component> columns;
   MatrixXd covariance;             // 0 along `undetermined`
   std::map<int, Matrix6d> charts;  // J_r(xi) of partly estimated poses, by parameter
-  MatrixXd undetermined;           // directions that the data left open, one a column
+  MatrixXd undetermined;           // directions that the data do not determine, one per column
 };
 
 struct MonitorOptions {
-  double samples_between_alarms = 10000;  // the mean, while nothing has moved
+  double samples_between_alarms = 10000;  // mean, while nothing has moved
 };
 
 enum class SampleState {
   fits,
-  outlier,        // it does not fit; left out until others do not fit either
-  tells_nothing,  // no view of it has more measurements than unknowns of its own
-  undefined       // nothing can be computed of it: a point behind a camera, no start for a target
+  outlier,        // does not fit; left out unless the next ones do not fit either
+  tells_nothing,  // no view has more measurements than private unknowns
+  undefined       // cannot be evaluated: a point behind a camera, no start for a target
 };
 
-/// A SensorInnovation is how a sensor fits what the calibration, and the sample's other sensors,
-/// let expect.
+/// A SensorInnovation is the fit of one sensor to the prediction from the calibration and the
+/// sample's other sensors.
 struct SensorInnovation {
   int sensor = -1;
-  double chi2 = 0;  // with the noise factors as they were before this sample
+  double chi2 = 0;  // with the noise factors before this sample
   double dof = 0;
-  double probability = 1;  // of more than that
+  double probability = 1;  // of a larger chi2
 };
 
 struct Innovation {
@@ -69,69 +69,70 @@ struct Innovation {
   double chi2 = 0, dof = 0, probability = 1;
   std::vector<SensorInnovation> sensors;
   double log_odds = 0;       // log R of the drift watch
-  bool alarm = false;        // something has moved; Monitor::moved() says what
+  bool alarm = false;        // something has moved: Monitor::moved()
   bool unexplained = false;  // outliers in a row, and no group that moved explains them
 };
 
 /// A NoiseSeen is a noise factor: the noise of a part of a sensor (SensorModel::noise_parts()), or
 /// of a joint's readings, over the stated one.
 struct NoiseSeen {
-  int sensor = -1;  // -1: of a joint
+  int sensor = -1;  // -1: a joint's noise
   int part = 0;     // of the sensor, or the joint
   double factor = 1, residuals = 0;
 };
 
-/// A Recalibration is a calibration by the last one and some samples since then.
+/// A Recalibration is a calibration from the last one and later samples.
 struct Recalibration {
-  CalibratedState state;           // for another monitor; its columns are this one's
-  VectorXd change;                 // of the columns, from the last calibration
-  std::vector<char> undetermined;  // by column: it may have moved, and the samples do not tell
-  int samples = 0;                 // that count; the others do not fit or cannot be evaluated
+  CalibratedState state;  // for another monitor, with this one's columns
+  VectorXd change;        // of the columns, from the last calibration
+  std::vector<char>
+      undetermined;  // by column: it may have moved, and the samples do not determine it
+  int samples = 0;   // used; the others do not fit or cannot be evaluated
 };
 
 class Monitor {
  public:
-  /// @throws std::invalid_argument: sizes that do not fit
+  /// @throws std::invalid_argument: sizes that do not match
   explicit Monitor(CalibratedState state, const MonitorOptions& options = {});
   ~Monitor();
   Monitor(const Monitor&);
   Monitor(Monitor&&) noexcept;
   Monitor& operator=(Monitor&&) noexcept;
 
-  /// Takes a sample of the rig. Nothing changes where it throws.
-  /// @throws std::invalid_argument: sizes or indices are not those of the rig, or a number is not
+  /// Adds a sample of the rig. If it throws, the monitor is unchanged.
+  /// @throws std::invalid_argument: sizes or indices are not those of the rig, or a value is not
   /// finite
   Innovation add(const Sample& sample);
 
-  /// Returns what may have moved, the likeliest first.
+  /// Returns the groups that may have moved, most likely first.
   std::vector<Moved> moved() const;
-  /// Counts changes from now on. With `accept` the likeliest of moved() has happened: the estimate
-  /// contains it from now on.
+  /// Starts counting changes again. With `accept`, the estimate includes the most likely change of
+  /// moved() from now on.
   void restart(bool accept);
 
-  /// Calibrates again: what the calibration knew, without what these groups may have moved by, and
-  /// the samples of a window, with so many Gauss-Newton iterations. The worse half of the samples
-  /// that do not fit after an iteration does not count in the next. The monitor stays as it is.
-  /// @throws std::invalid_argument: no such group, or a sample as add() refuses it
+  /// Recalibrates from the calibrated knowledge, with the possible changes of these groups, and the
+  /// samples of a window, by this number of Gauss-Newton iterations. Of the samples that do not fit
+  /// after an iteration, the worse half is left out of the next. The monitor is unchanged.
+  /// @throws std::invalid_argument: no such group, or a sample that add() refuses
   Recalibration recalibrated(const std::vector<Sample>& window, const std::vector<int>& groups,
                              int iterations = 5) const;
 
-  /// Returns what the monitor has learnt, as bytes for load().
+  /// Returns the learned state as bytes for load().
   std::string save() const;
-  /// Takes over what a monitor of the same calibration and options has learnt. Nothing changes
-  /// where it throws. @throws std::invalid_argument: the bytes are damaged, truncated, of another
-  /// version, or belong to another calibration
+  /// Loads the learned state of a monitor with the same calibration and options. If it throws, the
+  /// monitor is unchanged. @throws std::invalid_argument: the bytes are damaged, truncated, of
+  /// another version, or belong to another calibration
   void load(const std::string& bytes);
 
   const std::vector<DriftGroup>& groups() const;
-  /// Returns the component that every column is.
+  /// Returns the component of each column.
   const std::vector<Component>& columns() const;
-  /// Returns what is known of the columns now: by how much they differ from the calibrated values,
-  /// and the covariance of that.
+  /// Both return the current estimate of the columns: the differences from the calibrated values,
+  /// and their covariance.
   const VectorXd& difference() const;
   const MatrixXd& covariance() const;
   std::vector<NoiseSeen> noise() const;
-  long samples() const;   // that were added
+  long samples() const;   // added
   long outliers() const;  // of these
   const ParameterTable& table() const;
   const Rig& rig() const;
