@@ -1,13 +1,13 @@
-// What the data alone say of the shared unknowns at a solution: what results of robots that share
-// priors are compared by (models/fleet/family.h).
+// The information of the data alone about the shared unknowns at a solution, by which results of
+// robots with common priors are compared (models/fleet/family.h).
 #pragma once
 
 #include "linearisation.h"
 
 namespace kincal {
 
-/// Returns the equations of the last step's data, private unknowns eliminated, without the priors
-/// of shared ones; on the automatic path also those of fixed parameters.
+/// Returns the equations of the last step's data without the priors of shared unknowns, private
+/// unknowns eliminated. On the automatic path they include fixed parameters.
 DataEquations data_equations(const Linearisation& at);
 
 }  // namespace kincal

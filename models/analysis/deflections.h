@@ -1,5 +1,5 @@
-// How far sensors and mounted targets move when the robot bends under its weights
-// (kinematics/bending.h), in the samples of a solution.
+// Displacements of sensors and mounted targets by the robot's bending (kinematics/bending.h), in
+// the samples of a solution.
 #pragma once
 
 #include <string>
@@ -9,7 +9,7 @@
 
 namespace kincal {
 
-/// A Deflection is how far bending moves a frame, seen from the base: over all samples
+/// A Deflection is the displacement of a frame by bending, seen from the base, over all samples
 /// that have the readings.
 struct Deflection {
   std::string frame;  // sensor/NAME or target/NAME
@@ -17,11 +17,11 @@ struct Deflection {
   double mean = 0, largest = 0;  // m
   int largest_in = -1;           // sample
 };
-/// Returns those of frames that move with a joint that bends; empty where nothing bends.
+/// Returns the deflections of frames that move with a bending joint; empty if no joint bends.
 std::vector<Deflection> deflections(const Solution& solution);
 
-/// Returns the joints whose compliance about the axis is below zero by more than three sigmas: what
-/// goes with the load there is no elasticity.
+/// Returns the joints whose compliance about the axis is negative by more than three sigmas: the
+/// effect that varies with the load is then no elasticity.
 std::vector<int> bent_against_load(const Solution& solution);
 
 }  // namespace kincal

@@ -16,22 +16,22 @@
 
 namespace kincal {
 
-/// Returns J'J (m and rad) at these values, in postures that are the same for a rig.
+/// Returns J'J (m and rad) at these values. The same rig always gives the same postures.
 MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
                          const std::vector<Component>& columns);
 
-/// Returns the last body that all sensors and mounted targets descend from: joints between it and
-/// the base move none of them relative to each other.
+/// Returns the last body on which all sensors and mounted targets depend: joints between it and the
+/// base do not move these relative to each other.
 int common_body(const Rig& rig);
 
-/// A Gauge is such a direction.
+/// A Gauge is one of these directions.
 struct Gauge {
   Component fixed;              // of a pose that the rig gives, if one takes part; gauges fix
                                 // components of as few poses as possible
   bool given = false;           // the rig gives that pose
   std::vector<Component> with;  // move along with it, that which moves most first
 };
-/// Returns the gauges among components of poses at these values.
+/// Returns the gauges among the components of poses, at these values.
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses);
 

@@ -14,8 +14,8 @@
 // is sqrt(sum a_i / sum b_i), and its interval comes from the same jackknife with theta_i = ln(sum
 // a / sum b) without block i: paired, so that what makes a block hard for both does not widen it.
 //
-// A median stands beside each root mean square: a few gross outliers decide the one and leave the
-// other alone.
+// Each root mean square has a median beside it: a few gross outliers dominate the former and hardly
+// affect the latter.
 #pragma once
 
 #include <map>
@@ -32,14 +32,14 @@ namespace kincal {
 struct Interval {
   double low = kNan, high = kNan;  // NaN: none
 };
-/// Returns the 95 % interval of a root mean square; `squares` and `points` are by block.
+/// Returns the 95 % interval of a root mean square. `squares` and `points` are by block.
 Interval rms_interval(const std::vector<double>& squares, const std::vector<long>& points);
 
-/// Returns the 95 % interval of a root mean square over another of the same points; by block.
+/// Returns the 95 % interval of the ratio of two root mean squares over the same points, by block.
 Interval rms_ratio_interval(const std::vector<double>& squares, const std::vector<double>& others);
 
-/// A HeldOutError has root mean squares of one sensor's residuals on data not used, with intervals;
-/// NaN: none. Units are as SensorResult's.
+/// A HeldOutError has the root mean squares of one sensor's residuals on held-out data, with
+/// intervals. NaN: none. Units are as in SensorResult.
 struct HeldOutError {
   std::string sensor, unit;
   bool measures_pose = false;
@@ -52,11 +52,11 @@ struct HeldOutError {
   Interval of_rms, of_rms_as_read, of_rotation, of_rotation_as_read;
 };
 
-/// Returns the errors of the solution's held-out samples, sensor by sensor; empty if nothing is
-/// held out.
+/// Returns the errors of the solution's held-out samples, sensor by sensor; empty if there are
+/// none.
 std::vector<HeldOutError> held_out_errors(const Solution& solution, const Residuals& residuals);
 
-/// BlockSums are the squares of a sensor's residuals in one block.
+/// BlockSums are sums of squares of a sensor's residuals in one block.
 struct BlockSums {
   long points = 0;
   double squared = 0, as_read = 0, rotation = 0, rotation_as_read = 0;
@@ -68,12 +68,12 @@ struct HeldOutSums {
   std::map<int, long> missing;                                  // sensor -> views
   std::map<int, std::vector<double>> lengths, lengths_as_read;  // of residuals, by sensor
 
-  /// Adds the held-out residuals of a calibration of some samples; `index` says where each of these
-  /// stands in the whole set.
+  /// Adds the held-out residuals of a calibration of some samples. `index` has the index of each of
+  /// these in the whole set.
   void add(const Recording& recording, const Residuals& residuals, const std::vector<int>& index);
 };
 
-/// Returns the errors of the sums, sensor by sensor. `blocks` are those of the whole set.
+/// Returns the errors from the sums, sensor by sensor. `blocks` are those of the whole set.
 std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks,
                                           const HeldOutSums& held_out);
 

@@ -17,23 +17,23 @@
 
 namespace kincal {
 
-/// An Influence is a column that would move by so many of its sigmas without the group; infinite:
-/// it is not determined then.
+/// An Influence is the change of a column, in its sigmas, without the group; infinite: the column
+/// is then not determined.
 struct Influence {
   int group, column;
   double sigmas;
 };
 
-/// ReducedRows gives a group's rows after the elimination of its private unknowns (reduced_rows()).
+/// ReducedRows returns a group's rows after elimination of its private unknowns (reduced_rows()).
 using ReducedRows = std::function<const MatrixXd&(size_t group)>;
 
-/// Returns the influences above `least` in size, largest first (equal ones as the groups come).
+/// Returns the influences above `least` in size, largest first (equal ones in the order of groups).
 std::vector<Influence> influences(const std::vector<GroupShape>& groups,
                                   const ReducedRows& reduced_rows,
                                   const Observability& observability, double least = 1);
 
-/// A Leverage is a parameter component that would move by this many of its sigmas without the
-/// sample (one Newton step); infinite: it is not determined then.
+/// A Leverage is the change of a component, in its sigmas, without the sample (one Newton step);
+/// infinite: the component is then not determined.
 struct Leverage {
   std::string sample, parameter;
   double moved_sigmas;

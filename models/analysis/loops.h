@@ -1,12 +1,12 @@
-// Loops: how well every pair of sensors agrees through the robot (the paper's figure 10).
+// Loops: the agreement of every pair of sensors through the robot (the paper's figure 10).
 //
 // Where two sensors see the same target in the same sample, the points of the one are carried
 // through the kinematics into the residual of the other, against what that measured itself:
 //     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,
 //     hub: the base, or the link that carries the target.
-// The joint readings are taken as read and every shared parameter as it stands; no target's pose is
-// estimated, and nothing but the two sensors takes part. So a loop shows the error of a robot that
-// looks with one sensor and acts with the other.
+// Joint readings are raw and shared parameters unchanged; no target's pose is estimated, and only
+// the two sensors take part. So a loop shows the error of a robot that looks with one sensor and
+// acts with the other.
 //
 // Points p_from of a view, in its sensor's frame: a point sensor's and a laser's as measured (a
 // ray's at its own reading of the scanning joint); a camera's the points that it saw, at the pose
@@ -24,8 +24,8 @@
 
 namespace kincal {
 
-/// LoopStatistics are root mean squares in the unit of the sensor that is looked into; NaN: none,
-/// or a carried point lies behind the camera.
+/// LoopStatistics are root mean squares in the unit of the sensor `to`. NaN: none, or a transformed
+/// point lies behind the camera.
 struct LoopStatistics {
   long points = 0;  // of a chain or pose: views
   double rms_before = std::numeric_limits<double>::quiet_NaN(),
@@ -38,8 +38,8 @@ struct Loop {
   LoopStatistics train, test;
 };
 
-/// A LoopView is one view carried into another one of the same sample: r_h, a column a point. NaN:
-/// not carried; infinite: it comes to lie behind the camera.
+/// A LoopView is one view transformed into another one of the same sample: r_h, one column per
+/// point. NaN: not transformed; infinite: the point lies behind the camera.
 struct LoopView {
   int sample = -1;
   const View *from = nullptr, *to = nullptr;
@@ -47,12 +47,12 @@ struct LoopView {
   MatrixXd before, after;
 };
 
-/// Returns all pairs of views that see the same points of a target in one sample, in the order of
-/// the samples. "before" is at the rig's values (poses that it leaves open: as they started),
+/// Returns all pairs of views that contain the same points of a target in one sample, in the order
+/// of the samples. "before" is at the rig's values (absent poses: at their starting values),
 /// "after" at the solution's. They point into the solution's samples.
 std::vector<LoopView> loop_views(const Solution& solution);
 
-/// Returns their root mean squares: all pairs of sensors that meet in some sample, in the rig's
+/// Returns the root mean squares of all pairs of sensors that have a common sample, in the rig's
 /// order.
 std::vector<Loop> loops(const Solution& solution, const std::vector<LoopView>& views);
 

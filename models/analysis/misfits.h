@@ -1,17 +1,17 @@
-// Samples and views that fit much worse than the others, of a finished calibration.
+// Outliers of a finished calibration: samples and views that fit much worse than the others.
 //
 // A view's mean squared whitened residual is compared with the median over the views of its sensor
 // (held out: with the larger of the medians of both splits), so that a wrongly stated sigma flags
-// nothing. For that median a view counts with what a free target leaves of it: three points before
-// two cameras have half the noise as residuals, before one none, and what is usual of them would
-// make outliers of views that have all of it. Likewise a sample's mean squared joint error in
-// sigmas with the median over samples. It sticks out above nine times the usual (three times in
-// size) and above what chance allows, chi2_bound(n) / n. A sample with more than half of its views
-// sticking out, or its joint errors, is named as a sample. Only samples are looked at whose
-// squares, joint errors included, are larger than chance makes the largest in one of a hundred
-// recordings: where joint errors take up most of what is seen, some views keep all of theirs. After
-// a plain fit that gross outliers have ruined the names may be wrong: calibrate_without_outliers()
-// finds the right ones.
+// nothing. For that median a view counts with the share of its noise that a free target leaves in
+// its residuals: half for three points before two cameras, none before one camera. Otherwise views
+// that keep all their noise would appear as outliers. Likewise a sample's mean squared joint error
+// in sigmas is compared with the median over samples. An outlier is above nine times the median
+// (three times in size) and above the limit of chance, chi2_bound(n) / n. If more than half of a
+// sample's views are outliers, or its joint errors, the sample itself is named. Only samples are
+// tested whose squares, joint errors included, are larger than the largest by chance in one of a
+// hundred recordings: where joint errors absorb most residuals, some views keep all of theirs.
+// After a plain fit that gross outliers have corrupted, the names may be wrong:
+// calibrate_without_outliers() finds the right ones.
 #pragma once
 
 #include <vector>
@@ -20,7 +20,7 @@
 
 namespace kincal {
 
-/// A Misfit is something that sticks out: a sample, or a view of one.
+/// A Misfit is an outlier: a sample, or a view of one.
 struct Misfit {
   double ratio;      // its mean square over the usual one
   std::string name;  // quoted, for messages

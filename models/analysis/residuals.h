@@ -1,10 +1,10 @@
-// Residuals of every view: after a calibration, before it, and as read (what the robot's own
-// software will see: joint readings taken as exact), of the training samples and of the held-out
-// ones; and the root mean squares that tables show.
+// Residuals of every view: after a calibration, before it, and as read (raw readings taken as
+// exact, as the robot's own software uses them), of the training and of the held-out samples; and
+// the root mean squares that tables show.
 //
-// Shared parameters are held. Free targets, joint errors and what only held-out samples see are
-// estimated from the samples that are judged: sample by sample, or together where several depend on
-// something estimated. A pose among these that the rig does not give starts in closed form.
+// Shared parameters are fixed. Free targets, joint errors and parameters that only held-out samples
+// see are estimated from the judged samples: one by one, or together where several depend on the
+// same parameter. A pose among these that the rig does not give starts in closed form.
 #pragma once
 
 #include <string>
@@ -17,13 +17,13 @@
 namespace kincal {
 
 /// SplitStatistics are those of one sensor's residuals in one split: root mean squares over points
-/// (over views, if the sensor measures poses), NaN: none.
+/// (over views, if the sensor measures poses). NaN: none.
 struct SplitStatistics {
   long points = 0;
-  double rms_before, rms, rms_as_read;                         // px or m; poses: translation
+  double rms_before, rms, rms_as_read;                         // px or m; of poses the translation
   double rotation_before, rotation, rotation_as_read;          // rad, poses only
   double rms_uncorrected = kNan, rotation_uncorrected = kNan;  // as read, by another solution
-  double whitened_squared = 0;                                 // of the rms column
+  double whitened_squared = 0;                                 // squares behind `rms`, whitened
   long whitened_count = 0;
 };
 
@@ -33,23 +33,23 @@ struct SensorResult {
   SplitStatistics train, test;
 };
 
-/// An UndefinedSample cannot be evaluated: wherever its targets are put, some point lies behind a
+/// An UndefinedSample cannot be evaluated: at every pose of its targets, some point lies behind a
 /// camera.
 struct UndefinedSample {
   std::string id;
   bool before = false;  // at the initial values; else (held out) at the estimate
 };
 
-/// Unfinished is a column of root mean squares behind which a minimisation (of free targets, joint
-/// errors or what only held-out samples see) ended without convergence: its numbers are not final.
+/// An Unfinished is a column of root mean squares for which a minimisation (of free targets, joint
+/// errors or parameters that only held-out samples see) did not converge: its values are not final.
 struct Unfinished {
   bool train = true;                 // the split
   std::string column;                // "rms", "rms_as_read", "rms_before"
-  std::vector<std::string> samples;  // whose minimisation it was
+  std::vector<std::string> samples;  // samples of the minimisation
 };
 
 struct Residuals {
-  std::vector<SensorResult> sensors;       // that see something
+  std::vector<SensorResult> sensors;       // sensors with views
   std::vector<ViewResiduals> after;        // of all samples
   std::vector<ViewResiduals> before;       // the same views in the same order, raw ones only
   std::vector<ViewResiduals> as_read;      // of the held-out samples, raw ones only
@@ -58,50 +58,49 @@ struct Residuals {
 };
 
 struct Linearisation;
-/// Computes the residuals of a solution. It throws nothing: what cannot be evaluated is in
+/// Returns the residuals of a solution. It throws nothing; samples that cannot be evaluated are in
 /// `undefined`.
 Residuals residuals(const Linearisation& at);
-/// The same where the last problem's residuals are known (Estimation::residuals()). @throws
+/// Returns the same from given residuals of the last problem (Estimation::residuals()). @throws
 /// Cancelled
 Residuals residuals(const Linearisation& at, std::vector<ViewResiduals> views,
                     const Progress& progress = {});
 
-/// Adds what a robot reads that cannot have all of a solution: as read by the solution without that
-/// (`rigid`). @throws Cancelled
+/// Adds the rms as read of the solution `rigid`, for software that cannot use all of the
+/// calibration. @throws Cancelled
 void add_uncorrected(const Solution& rigid, Residuals& residuals);
 
-/// Returns residuals as read alone, of the held-out samples, with these shared values in place of
+/// Returns only the as-read residuals of the held-out samples, with these shared values in place of
 /// the solution's.
 Residuals held_out_as_read(const Solution& solution, const VectorXd& shared);
 
 /// An Evaluation is the table of residuals at given parameters.
 struct Evaluation {
-  bool converged = true;  // the estimation of targets and joint errors: nothing is unfinished
+  bool converged = true;  // the estimation of targets and joint errors converged everywhere
   std::vector<Unfinished> unfinished;
   double chi2 = 0;
   long dof = 0;
   std::vector<SensorResult> sensors;   // without rms_before
-  std::vector<ViewResiduals> views;    // what their rms is of
-  std::string worst_sample;            // with the largest part of the views' sum of squares
+  std::vector<ViewResiduals> views;    // the residuals behind their rms
+  std::string worst_sample;            // sample with the largest part of the views' sum of squares
   double worst_share = 0;              // that part, 0 .. 1
-  std::vector<std::string> undefined;  // samples missing from these: as UndefinedSample says
+  std::vector<std::string> undefined;  // samples missing from these, as UndefinedSample
   std::vector<std::string> open;  // poses absent from the rig that were estimated in each split
-  std::vector<std::string>
-      without_effect;  // names that were to be freed and on which no measurement depends
+  std::vector<std::string> without_effect;  // names to be estimated on which no measurement depends
 };
 
-/// Evaluates both splits at the rig's values; free targets, joint errors, what `free` names and
-/// what the rig leaves open (rig/selection.h) are estimated in each split.
-/// @throws NameError beginning with "free[N]"; std::runtime_error where no sample can be evaluated;
+/// Evaluates both splits at the rig's values. Free targets, joint errors, the parameters named in
+/// `free` and the poses that the rig leaves open (rig/selection.h) are estimated in each split.
+/// @throws NameError beginning with "free[N]"; std::runtime_error if no sample can be evaluated;
 /// Cancelled.
 Evaluation evaluate(const Recording& recording, NoiseMode noise,
                     const std::vector<std::string>& free, const Progress& progress = {});
 
 /// Returns whether the errors of neighbouring points in the training views are correlated. Noise is
-/// not; a bent, turned, shifted or wrongly sized object causes it.
+/// not correlated; a bent, turned, shifted or wrongly sized object causes correlation.
 bool neighbours_err_alike(const Solution& solution, const Residuals& residuals);
 
-/// Returns the result of a sensor without any view yet.
+/// Returns the result of a sensor without any view.
 SensorResult unseen(const Sensor& sensor);
 
 }  // namespace kincal

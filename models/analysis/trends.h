@@ -1,27 +1,29 @@
-// Errors of readings that go with where the joint stands, or with the time. What a joint or a
-// flange does wrong by itself (a gear, sag, bending; the zeros of a robot that is known by the
-// poses of its flange only) looks like noise of its readings, but noise does not know the posture.
+// Errors of readings that depend on the joint's position, or on time. Systematic errors of a joint
+// or a flange (a gear, sag, bending; the zeros of a robot that reports only its flange's poses)
+// look like noise of its readings, but noise does not depend on the posture.
 //
 // In mode latent each sample has an error d of each noisy joint, of a floating joint six. They are
-// regressed on where it stands: of n samples
+// regressed on its position: for n samples
 //     turning     1, q, sin q, cos q
 // (of the reading q)
 //     sliding     1, q, q^2
-//     floating    1, the nine numbers of its rotation, the three of its translation; of few samples
+//     floating    1, the nine elements of its rotation, the three of its translation; of few
+//     samples
 //                 1 and the increment from the first pose
 // whose columns have rank k + 1. With the p x p scatter T of the errors and E of what the
-// regression leaves, Wilks' lambda = det E / det T of errors that do not know the posture is such
+// regression leaves, Wilks' lambda = det E / det T of errors independent of the posture is such
 // that
 //     chi2 = -(n - 1 - (p + k + 1) / 2) ln lambda
-// has p k degrees of freedom (Bartlett 1938), whatever their size. A trend is what chance makes in
-// one of 30,000 joints (4 standard deviations), and which is a good part of the scatter.
+// has p k degrees of freedom (Bartlett 1938), for any size of the errors. A trend is one that
+// occurs by chance in one of 30,000 joints (4 standard deviations) and is a good part of the
+// scatter.
 //
-// Samples that follow each other with readings that hardly differ (by half a sigma) are of a robot
-// that stands still: its errors are the same ones, and their mean counts once.
+// Consecutive samples whose readings hardly differ (by half a sigma) are of a robot at rest: their
+// errors are the same, and their mean counts once.
 //
-// Nor does noise know the time. A joint that is homed anew, or a sensor or target that is bumped,
-// between two samples leaves errors that jump there: of those that the regression above leaves, y,
-// and what it leaves of the step s (0 before sample k, 1 from there on), b = s'y / s's is the jump,
+// Nor does noise depend on time. If a joint is homed again, or a sensor or target is bumped,
+// between two samples, errors jump there. With the residuals y of the regression above and its
+// residuals of the step s (0 before sample k, 1 from there on), b = s'y / s's is the jump,
 //     t^2 = nu b^2 s's / (y'y - b^2 s's),   nu = n - rank - 1,
 // is that of Student's t with nu degrees of freedom. The largest over k is a jump from 4.8 standard
 // deviations on, if it is a third of the scatter. (Of 4,787 joints of 797 simulated recordings
@@ -43,7 +45,7 @@ struct Trend {
   double turn = 0, shift = 0;  // root mean square of that part: rad, m
 };
 
-/// A Jump is a joint whose errors change from some sample on, and stay so.
+/// A Jump is a joint whose errors change permanently from some sample on.
 struct Jump {
   int joint;     // of a floating joint the axis
   int sample;    // the first after it, in the order of logging
@@ -51,8 +53,7 @@ struct Jump {
   double clear;  // how clearly, in standard deviations
 };
 
-/// Returns the trends of a solution's training samples, the clearest first; none but in mode
-/// latent.
+/// Returns the trends of a solution's training samples, clearest first. Only mode latent has any.
 std::vector<Trend> trends(const Solution& solution);
 
 /// Returns the jumps of errors in time, likewise.

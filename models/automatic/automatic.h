@@ -1,16 +1,17 @@
-// The automatic path: a recording whose rig has no steps is calibrated with everything free that
-// could be wrong (groups.h), the widths of what is assumed about it learned from the data
-// (widths.h), and what there is no evidence for put back to its nominal value.
+// The automatic path: if the rig has no steps, every parameter that may be wrong is estimated
+// (groups.h). Prior widths are learned from the data (widths.h), and parameters without evidence of
+// error are reset to their nominal values.
 //
-//   1. The mounts alone, from the data where the rig leaves them open.
+//   1. The mounts alone; those absent from the rig start from the data.
 //   2. Everything, with the groups' starting widths. The widths are learned at that linearisation,
-//      everything is estimated again, and so on until they stay (two or three times). So is the
-//      noise of sensors and joints that nobody states (analysis/noise_levels.h).
-//   3. Groups and numbers without evidence are held; what is left is estimated once more: steps
+//      everything is estimated again, and so on until they no longer change (two or three times).
+//      Noise of sensors and joints that is not stated is learned likewise
+//      (analysis/noise_levels.h).
+//   3. Groups and components without evidence are fixed; the rest is estimated once more: steps
 //      `mounts` and `everything`, which the solution has, with the widths as priors.
 //
-// Errors are predicted from the second moment of all numbers, held ones and those that no
-// measurement sees included (Solution::prediction); sigmas are its roots.
+// Errors are predicted from the second moment of all components, including fixed ones and those on
+// which no measurement depends (Solution::prediction); sigmas are its roots.
 #pragma once
 
 #include <string>
@@ -20,14 +21,14 @@
 
 namespace kincal {
 
-/// Returns the values that the widths of a solution's numbers count from, of the parameters that it
-/// changed.
+/// Returns the nominal values of the parameters that a solution changed; its prior widths are
+/// relative to these.
 std::vector<NominalValue> nominal_values(const Solution& solution);
 
-/// Returns in words why a component was fixed, and its uncertainty.
+/// Returns a text with the reason why a component was fixed, and its uncertainty.
 std::string held_text(const AutomaticNumber& number);
 
-/// Returns the rig's steps at the starting widths: what runs before anything is learned.
+/// Returns the steps at the starting widths, before anything is learned.
 /// @throws as make_groups().
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options);
 
@@ -37,10 +38,10 @@ std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOpt
 AutomaticCalibration calibrate_automatically(const Recording& recording,
                                              const AutomaticOptions& options);
 
-/// Returns where a calibration of the solution's recording with other noise begins.
+/// Returns the start of another calibration of the solution's recording with other noise.
 Begin begin_at(const Solution& solution, const std::vector<AutomaticGroup>& groups);
 
-/// Passes one on that was not cancelled. @throws Cancelled
+/// Returns the calibration. @throws Cancelled if it was cancelled
 inline AutomaticCalibration uncancelled(AutomaticCalibration found) {
   if (found.solution.status == Status::cancelled) throw Cancelled();
   return found;

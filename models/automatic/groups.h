@@ -1,36 +1,36 @@
-// What the automatic path estimates: everything that could be wrong, in groups.
+// The parameters that the automatic path estimates: all that may be wrong, in groups.
 //
-// Mounts. Poses of sensors and mounted targets, free without a prior: everything else is measured
-// from them. Where the rig names a fixed joint as the mount, its origin is free in place of the
-// pose. Two cameras of a rectified pair share one mount, the fixed joint above their link.
-// Rotations that move no point seen are fixed: of a target of one point or points on a line, and of
-// a sensor that measures points at one place of its own frame only.
+// Mounts. Poses of sensors and mounted targets, estimated without a prior: everything else is
+// measured from them. If the rig names a fixed joint as the mount, its origin is estimated instead
+// of the pose. Two cameras of a rectified pair share one mount, the fixed joint above their link.
+// Rotations that move no measured point are fixed: of a target of one point or points on a line,
+// and of a sensor that measures points at one place of its own frame only.
 //
-// Groups. Numbers of one kind, of which nothing is known but how far such numbers are usually off:
+// Groups. Components of one kind, of which only the usual size of their errors is known:
 // x_i ~ N(0, t_i^2) around the rig's values, t_i = factor * start_i with one unknown factor a group
-// (widths.h), from the widths of the table of scales (rig/scales.h). Numbers of a kind are
-// exchangeable: that is an assumption.
+// (widths.h), from the widths of the table of scales (rig/scales.h). Components of a kind are
+// assumed to be exchangeable.
 //
 //   offsets, slides            of revolute joints; of prismatic ones
-//   lengths, angles            numbers of origins, by run
+//   lengths, angles            components of origins, by run
 //   sizes, bends               of boards; warps of those that have them
 //   baselines
-//   ranges                     scale and offset, of sensors of points for which the rig states them
+//   ranges                     scale and offset, of point sensors, if the rig states them
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
 //   compliance, compliance across, loads, curve/NAME
 //                              of joints that bend, and of one that turns: its error over its
-//                              angle; tried behind all others (further.h)
-//   gears                      scales of all others; only when asked for
+//                              angle; tried after all others (further.h)
+//   gears                      scales of all others; only on request
 //
-// A run is an unbranched row of joints. Of their origins all numbers are members but what moves
-// along the joint's own axis, which is its offset's, and fixed joints below which nothing moves,
-// which the mounts there have. They are not independent of each other or of the mounts (of n joints
-// the data tell 4 n or so), but each is off by itself: without those that others could express
-// (rig/geometry.h) an error of one is taken for many times as much of another, or for a board's
-// size. Joints that carry a sensor or target relative to the base, but stand before the paths
-// between those part, are members too that no measurement sees: known only as well as their group.
+// A run is an unbranched row of joints. All components of their origins are members, except motion
+// along the joint's own axis (the offset has it) and fixed joints below which nothing moves (the
+// mounts have them). They are not independent of each other or of the mounts (the data determine
+// about 4 n for n joints), but each has its own error. If those that others can express
+// (rig/geometry.h) were omitted, an error of one would appear as a multiple in another, or as a
+// board's size. Joints between the base and the point where the paths to sensors and targets branch
+// are members too, but no measurement depends on them: only their group's width is known.
 #pragma once
 
 #include <map>
@@ -44,38 +44,39 @@ namespace kincal {
 
 struct Member {
   Component component;
-  double start = 0;  // width that it begins with, in its own unit
+  double start = 0;  // starting width, in its own unit
 };
 
 struct WidthGroup {
   std::string name;
   std::vector<Member> members;  // some measurement depends on each
-  std::vector<Member> unseen;   // none does
-  bool width_known = false;     // it is not learned
+  std::vector<Member> unseen;   // no measurement depends on these
+  bool width_known = false;     // the width is not learned
 };
 
 struct AutomaticGroups {
   std::vector<Freed> mounts;       // whole poses
   std::vector<Freed> pointing;     // of these, components that are fixed: no measurement depends on
                                    // them
-  std::map<int, Vector3d> pivots;  // by pose that is fixed in rotation: the single point in its
-                                   // frame that is seen there
+  std::map<int, Vector3d> pivots;  // by pose with fixed rotation: the only measured point in its
+                                   // frame
   std::vector<WidthGroup> groups;
-  std::vector<Member> stated;        // with a prior in the rig, which is their width and stays
-  std::vector<Member> gears;         // of the group that has this name, if it was not asked for
-  std::vector<std::string> further;  // groups that are not there yet, to be tried (further.h)
+  std::vector<Member> stated;        // with a prior in the rig, whose width is kept
+  std::vector<Member> gears;         // of the group of this name, if it was not requested
+  std::vector<std::string> further;  // groups that do not exist yet, to be tried (further.h)
 };
 
-/// An UncheckedScale is a length that everything hangs on and nothing checks: readings of a sliding
-/// joint, or the squares of all boards. With it 1 % larger the data fit as well, and other numbers
-/// come out elsewhere; worst, by their sigmas, this one.
+/// An UncheckedScale is a length that no measurement checks, although others depend on it: the
+/// readings of a sliding joint, or the spacings of all boards. If it were 1 % larger the data would
+/// fit equally well and other components would change; `worst` is the one that changes most in its
+/// sigmas.
 struct UncheckedScale {
   std::vector<std::string> scales;  // joint/NAME/scale, or target/NAME/square of every board
   std::string worst, unit;
   double moved = 0, sigmas = 0;
 };
 
-/// Names of the groups of further models (further.h); that of a curve ends with its joint's.
+/// Names of the groups of further models (further.h). That of a curve ends with the joint's name.
 inline const char* const kCompliance = "compliance";
 inline const char* const kComplianceAcross = "compliance across";
 inline const char* const kLoads = "loads";
@@ -87,25 +88,25 @@ inline bool is_further(const std::string& group) {
   return is_bending(group) || group.compare(0, kCurve.size(), kCurve) == 0;
 }
 
-/// A GroupChoice has names and globs of groups to add to the usual ones, and to leave out.
+/// A GroupChoice has names and globs of groups to add to the usual ones, and to omit.
 struct GroupChoice {
   std::vector<std::string> with, without;
 };
 
-/// Returns by own number of a joint model whether the position of a joint depends on it in some
-/// training sample.
+/// Returns for each own[k] of a joint model whether the position depends on it in some training
+/// sample.
 std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
                                const JointModel& model);
 
-/// Returns whether two cameras are one thing, a rectified pair: on the same link, in the same
-/// place, with another baseline.
+/// Returns whether two cameras are a rectified pair: on the same link, at the same pose, with
+/// different baselines.
 bool is_pair(const Rig& rig, int a, int b);
 
-/// Returns the rig with one pose for both cameras of each rectified pair that no fixed joint
-/// carries alone (Sensor::pose_of). Else that joint's origin stands for the pair's pose.
+/// Returns the rig with one common pose for the cameras of each rectified pair (Sensor::pose_of),
+/// unless a fixed joint carries only this pair; its origin then replaces the pose.
 Rig with_pair_poses(Rig rig);
 
-/// Returns the groups of a recording that its training samples depend on.
+/// Returns the groups of a recording on which its training samples depend.
 /// @throws std::invalid_argument: no training sample has a view; NameError beginning with
 /// "group[N]" or "no_group[N]": no group has the name.
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice);
@@ -114,9 +115,9 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
 void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
                const Eigen::VectorXd& initial, Eigen::VectorXd& shared);
 
-/// Returns why no parameter of a recording can be estimated. `on_demand`: the user fixed many;
-/// `no_evidence`: no mount is estimated, and everything else was fixed for lack of evidence of
-/// error.
+/// Returns the reason why no parameter of a recording can be estimated. `on_demand`: the user fixed
+/// many; `no_evidence`: no mount is estimated, and everything else was fixed for lack of evidence
+/// of error.
 std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence);
 
 }  // namespace kincal

@@ -1,4 +1,4 @@
-// What the automatic path (automatic.h) found, and what it is asked for.
+// Results and options of the automatic path (automatic.h).
 #pragma once
 
 #include <map>
@@ -14,13 +14,13 @@
 
 namespace kincal {
 
-/// An AutomaticNumber is a member of a group as it came out.
+/// An AutomaticNumber is the result of one member of a group.
 struct AutomaticNumber {
   std::string name, unit;
-  double value = 0, sigma = 0;  // from its nominal value; of the prediction
+  double value = 0, sigma = 0;  // change from the nominal value; predicted sigma
   double width = 0;             // of its prior
-  double told = 0;              // share of it that the data tell, 1 - C_ii / t_i^2
-  bool held = false;            // put back: value is 0
+  double told = 0;              // share that the data determine, 1 - C_ii / t_i^2
+  bool held = false;            // reset to nominal: value is 0
 
   bool undetermined() const { return told < 0.1; }
 };
@@ -29,27 +29,27 @@ struct AutomaticGroup {
   std::string name;
   std::vector<AutomaticNumber> numbers, unseen;
   double factor = 1;  // of the starting widths
-  double gamma = 0;   // how many numbers the data determine
+  double gamma = 0;   // effective number of components that the data determine
   double gain = 0;    // log evidence against all of them being nominal
-  bool held = false;  // all of them
+  bool held = false;  // all of them are fixed
 };
 
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
-  std::vector<AutomaticGroup> groups;  // empty where it could not start, or was cancelled
+  std::vector<AutomaticGroup> groups;  // empty if it could not start, or was cancelled
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::vector<OtherModel> other_models;
-  std::shared_ptr<const Solution> rigid;  // the same without further models (further.h), where some
-                                          // were kept that `begin` did not have
+  std::shared_ptr<const Solution> rigid;  // the same without further models (further.h), if some
+                                          // were kept that `begin` lacked
 };
 
-/// Where a calibration begins that was made before with other noise.
+/// The start of a calibration that was made before with other noise.
 struct Begin {
   std::vector<std::string> further;      // groups of further models that were kept (further.h)
   std::map<std::string, double> factor;  // of groups' widths; else 1
-  std::optional<Values> start;           // of the fit of everything; else the mounts alone
+  std::optional<Values> start;           // start of the fit of everything; none: the mounts alone
 };
 
 struct AutomaticOptions : CalibrationOptions {

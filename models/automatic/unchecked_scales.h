@@ -1,12 +1,12 @@
-// Lengths that everything hangs on and nothing checks: readings of a sliding joint, or the squares
-// of all boards.
+// Lengths that no measurement checks, although others depend on them: readings of a sliding joint,
+// or the spacings of all boards.
 //
 // In the quadratic model of a fit (widths.h) with the scaled unknowns S moved by v, one percent of
 // their values, the others O follow by
 //     d = -(N + P)_OO^-1 N_OS v,
-// and twice the cost of the data and of the others' widths grows by v' N_SS v + v' N_SO d. Where
-// that is less than three sigmas the data do not tell, and where d is more than a sigma of some
-// mount or lens, all of these are as right as that length.
+// and twice the cost of the data and of the others' widths grows by v' N_SS v + v' N_SO d. If
+// that is less than three sigmas the data do not determine v; if d is also more than a sigma of
+// some mount or lens, these are only as accurate as that length.
 #pragma once
 
 #include <string>
@@ -17,14 +17,15 @@
 
 namespace kincal {
 
-/// FitWidths are a problem of widths and what its unknowns are.
+/// FitWidths are a problem of widths with the components of its unknowns.
 struct FitWidths {
   WidthProblem problem;
   std::vector<Component> columns;
 };
 
-/// Returns the lengths that nothing checks, at these factors of the groups' widths; gears should be
-/// among the unknowns. `sigma` is by unknown, 0: it is not estimated; `shared` has the values.
+/// Returns the lengths that no measurement checks, at these factors of the groups' widths. The
+/// unknowns should include gears. `sigma` is by unknown (0: not estimated); `shared` has the
+/// values.
 std::vector<UncheckedScale> unchecked_scales(const Recording& recording, const FitWidths& widths,
                                              const VectorXd& factor, const VectorXd& sigma,
                                              const VectorXd& shared);

@@ -11,40 +11,41 @@
 // and with gamma_k = sum_i (1 - C_ii / t_i^2), the number of members that the data determine,
 //     d/du_k (log evidence + log hyperprior) = sum_i x_i^2 / t_i^2 - gamma_k - u_k / (ln 3)^2.
 // A round steps by that over  2 max(sum_i x_i^2 / t_i^2, gamma_k) + 1 / (ln 3)^2, at most 1.5. A
-// group of which the data say nothing keeps its start; one that is exact shrinks to what the data
-// can resolve, and its width says how well that is known. (No width is shrunk because gamma is
-// small: what has no evidence would be taken as exact.)
+// group that the data do not determine keeps its start; an exact one shrinks to the resolution of
+// the data, and its width states this resolution. (No width shrinks because gamma is small:
+// otherwise parameters without evidence would count as exact.)
 //
-// Gain of a group k: by how much its log evidence exceeds that with x_i = 0 for all its members,
-// everything else as it is. That is the ratio of prior and posterior densities there (Savage and
+// Gain of a group k: the excess of its log evidence over that with x_i = 0 for all its members and
+// everything else unchanged. That is the ratio of prior and posterior densities there (Savage and
 // Dickey):  gain = 1/2 log|C_kk| - sum log t_i + 1/2 x_k' C_kk^-1 x_k.
 //
-// Holding. Numbers h of a group are put to their nominal values if there is no evidence for that
-// they are off, and the others a estimated with h = 0. If they are off all the same, both are wrong
-// by  m = (C_ah C_hh^-1 x_h, x_h)  in the mean and by C about that, second moment C + m m'; if they
-// are not, by the posterior given h = 0, covariance C_0 = C - C_:h C_hh^-1 C_h:. Beforehand the
-// odds are one to four for nominal numbers: robots and lenses are hardly ever as drawn. Then the
+// Fixing. Components h of a group are reset to their nominal values if there is no evidence of
+// error, and the others a are estimated with h = 0. If h are wrong nevertheless, both have the mean
+// error  m = (C_ah C_hh^-1 x_h, x_h)  with covariance C: second moment C + m m'. If they are right,
+// the covariance is that of the posterior given h = 0, C_0 = C - C_:h C_hh^-1 C_h:. The prior odds
+// of nominal values are one to four: robots and lenses hardly ever match the drawing. Then the
 // second moment is
 //     C_0 + P (C - C_0 + m m'),   P = 1 / (1 + exp(-gain) / (4 a)),
 // where a is the evidence averaged over all widths, u ~ N(0, (ln 10)^2), over that at the best: a
-// group whose best widths are a twentieth of what is usual was less likely beforehand.
-// (Averaged with ln 3, errors a twentieth of the usual ones were taken for none: as large as the
-// noise, they were beyond three times the predicted in 27 % of draws.)
-// (Two to one, as it was, left 4.8 % of 563 numbers that were held so beyond three sigmas, of
-// robots of which all numbers are off; one to four 1.1 %. Of robots that are as drawn predicted
-// errors are a quarter larger for it.)
-// Several groups are held one after the other, each given those before. Of what the data do not
-// tell (below a tenth) P = 1: single numbers of a group that is kept, and groups as a whole.
+// group whose best widths are a twentieth of the usual ones was less likely a priori.
+// (Averaged with ln 3, errors a twentieth of the usual size counted as none: as large as the noise,
+// they exceeded three times the predicted error in 27 % of draws.)
+// (With odds of two to one, 4.8 % of 563 fixed components were beyond three sigmas, for robots with
+// errors in all components; with one to four 1.1 %. For robots that match the drawing, predicted
+// errors are a quarter larger with the latter.)
+// Several groups are fixed one after the other, each given the earlier ones. P = 1 for components
+// that the data do not determine (share below a tenth): single ones of a kept group, and whole
+// groups.
 //
-// Other widths. The best are not the only possible ones, above all of small groups. With widths f
-// times the best H loses d = 1 - 1 / f^2 of the group's priors. In the eigenvectors of
+// Other widths. The best widths are not the only possible ones, especially for small groups. With
+// widths f times the best, H loses d = 1 - 1 / f^2 of the group's priors. In the eigenvectors of
 // P^1/2 C_kk P^1/2, eigenvalues e (the share of a direction that is prior), y = V' P^1/2 x_k:
 //     log evidence changes by  sum (-1/2 log(1 - d e) + 1/2 d y^2 / (1 - d e)) - n log f,
 //     C by  G diag(d / (1 - d e)) G',   x by  G (d y / (1 - d e)),   G = C_:k P^1/2 V
-// (Woodbury). Over a grid of f, weighed by evidence and hyperprior, the second moment takes up the
-// mean of x's changes to wider widths, and of each direction's variance 1 / (1 - d e), which is
-// that of a mixture of normal errors, with longer tails than one, as much as it takes for no
-// more than 0.27 % of errors to be beyond three sigmas, as of normal ones.
+// (Woodbury). Over a grid of f, weighted by evidence and hyperprior, the second moment includes the
+// mean of x's changes to wider widths. Each direction's variance 1 / (1 - d e) belongs to a mixture
+// of normal errors, with longer tails than one; it is enlarged until no more than 0.27 % of errors
+// are beyond three sigmas, as for normal errors.
 #pragma once
 
 #include <Eigen/Core>
@@ -55,7 +56,7 @@ namespace kincal {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// Odds beforehand that a group's numbers are nominal: robots and lenses are hardly ever as drawn.
+// Prior odds that a group's values are nominal: robots and lenses hardly ever match the drawing.
 constexpr double kNominal = 0.25;
 // The gain of log evidence from which a group is kept.
 constexpr double kEvidence = 3;
@@ -63,24 +64,24 @@ constexpr double kEvidence = 3;
 struct WidthProblem {
   MatrixXd normal;         // N, n x n
   VectorXd gradient;       // g
-  VectorXd at;             // x0, by unknown; what has no prior counts from anywhere
+  VectorXd at;             // x0, by unknown; arbitrary for unknowns without a prior
   VectorXd start;          // s_i; 0: no prior
-  std::vector<int> group;  // by unknown; -1: none, or a prior of its own that stays
+  std::vector<int> group;  // by unknown; -1: none, or a fixed prior of its own
   int groups = 0;
-  std::vector<char> known = {};  // by group: its factor stays; beyond the end: it is learned
+  std::vector<char> known = {};  // by group: its factor is fixed; beyond the end: it is learned
 
   bool learns(int k) const { return k >= static_cast<int>(known.size()) || !known[k]; }
 };
 
 struct Posterior {
-  bool defined = false;        // false: H is not positive definite, nothing else is set
-  VectorXd value;              // x; of unknowns without a prior the step
+  bool defined = false;        // false: H is not positive definite, and nothing else is set
+  VectorXd value;              // x; for unknowns without a prior the step
   VectorXd variance;           // C's diagonal
   double log_determinant = 0;  // of C
   MatrixXd covariance;         // C
 };
-/// Returns the posterior at these factors, one per group; without the covariance unless it is
-/// requested. It allocates.
+/// Returns the posterior at these factors, one per group; with the covariance only on request. It
+/// allocates.
 Posterior posterior(const WidthProblem& problem, const VectorXd& factor, bool covariance);
 
 struct Widths {
@@ -90,27 +91,26 @@ struct Widths {
   VectorXd gamma;   // by group
   Posterior posterior;
 };
-/// Learns the factors, from `factor` on, in at most `rounds` rounds.
+/// Learns the factors, starting from `factor`, in at most `rounds` rounds.
 Widths learn_widths(const WidthProblem& problem, VectorXd factor, int rounds);
 
 /// Returns the gain of a group.
 double evidence_gain(const WidthProblem& problem, const Widths& widths, int group);
-/// Returns the log evidence for these factors, up to what does not depend on them; NaN where it is
-/// not defined.
+/// Returns the log evidence at these factors, up to a constant; NaN if it is not defined.
 double log_evidence(const WidthProblem& problem, const VectorXd& factor);
 
 /// The groups and components fixed for lack of evidence.
 struct Selection {
   std::vector<char> held;   // by unknown
   std::vector<char> whole;  // by group
-  VectorXd gain;            // by group: when it was held, or at the end
-  VectorXd probability;     // by group: that it is off, if it was held whole
-  VectorXd inflation;       // by group: variance of what the data do not tell, over the best
+  VectorXd gain;            // by group: when it was fixed, or at the end
+  VectorXd probability;     // by group: that it is wrong, if it was fixed as a whole
+  VectorXd inflation;       // by group: variance of undetermined components, over the best
                             // width squared
   MatrixXd second_moment;   // of the errors of all unknowns
 };
 /// Fixes groups whose gain is below 3, the smallest first, testing the rest again each time (except
-/// groups whose width is known). Of the other groups it fixes the components to whose variance the
+/// groups whose width is known). In the other groups it fixes the components to whose variance the
 /// data contribute less than a tenth (1 - C_ii / t_i^2).
 Selection hold(const WidthProblem& problem, const Widths& widths);
 

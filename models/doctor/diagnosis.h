@@ -1,4 +1,4 @@
-// What the doctor returns: the mistakes that it found, and what they explain.
+// The doctor's result: the mistakes that it found, and how well they explain the data.
 #pragma once
 
 #include <optional>
@@ -11,15 +11,14 @@ namespace kincal {
 
 /// A Diagnosis contains all findings and how well they explain the data.
 struct Diagnosis {
-  std::vector<Notice> findings;  // what explains most first; those without a fit last
-  std::optional<double> chi2;    // as is; nothing: the fit cannot start
+  std::vector<Notice> findings;  // most explanatory first; those found without a fit last
+  std::optional<double> chi2;    // without corrections; none: the fit cannot start
   long dof = 0;
   std::string verdict;  // one or more sentences
   std::string
-      readings;  // what errors of the joint readings would explain; empty: not, or not asked
-  std::vector<Alternative>
-      alternatives;                 // that were tried with all samples (DoctorOptions::compare)
-  std::vector<std::string> tested;  // ids of the mistakes that were looked for
+      readings;  // joint reading errors that would explain the data; empty: none, or not tested
+  std::vector<Alternative> alternatives;  // those tried with all samples (DoctorOptions::compare)
+  std::vector<std::string> tested;        // ids of the tested mistakes
 };
 
 }  // namespace kincal
