@@ -1,5 +1,5 @@
-// A fleet: results of many robots, or of some over months, judged together. Each robot is one of
-// the family by its latest result (family.h); one with several is also judged over time (drift.h).
+// A fleet: results of many robots, or of some over months, judged together. Each robot's latest
+// result is judged within the family (family.h), several results also over time (drift.h).
 #pragma once
 
 #include <optional>
@@ -18,7 +18,7 @@ namespace kincal {
 /// soon as their poorly determined components differ.)
 struct FleetNumber {
   std::string name, unit;
-  double scale = 0;  // how far it may usually be off
+  double scale = 0;  // its usual error
 };
 
 /// A FleetResult is the information of one result's data, as equations in the components of the
@@ -27,22 +27,22 @@ struct FleetResult {
   std::string path, serial;
   double time = 0;     // years since 1970
   std::string date;    // the same, as 2026-03-01 or 2026-03-01T12:00:00Z
-  Evidence evidence;   // in the family's numbers
-  Evidence over_time;  // in the robot's own; of a robot's only result nothing
+  Evidence evidence;   // in the family's components
+  Evidence over_time;  // in the robot's own components; empty if it has one result
 };
 
 struct FleetOptions {
-  double level = 0.01;    // share of healthy robots that is named by chance
-  std::vector<int> anew;  // numbers that are new in every result: none of a robot's drifts
+  double level = 0.01;    // share of healthy robots that are named by chance
+  std::vector<int> anew;  // components that are new in every result, so not tested for drift
 };
 
 struct FleetRobot {
   std::string serial;
   std::vector<int> results;            // by time
-  std::optional<FamilyMember> member;  // of the family, if that was judged
+  std::optional<FamilyMember> member;  // if the family was judged
   bool out_of_family = false;          // member's p is below the level
   std::optional<Drift> drift;          // of robots with several results
-  double p = 1;                        // the smaller one of both
+  double p = 1;                        // the smaller of both
 
   bool drifts() const { return drift && !drift->causes.empty(); }
 };
@@ -53,7 +53,7 @@ struct FleetFindings {
   int out_of_family = 0, drifting = 0;
 };
 
-/// Judges a fleet.
+/// Judges all robots of a fleet.
 FleetFindings study_fleet(const std::vector<FleetNumber>& numbers,
                           const std::vector<FleetResult>& results, const FleetOptions& options);
 

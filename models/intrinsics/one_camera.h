@@ -1,4 +1,4 @@
-// One camera by itself: the lenses that it may have, and how one of them is fitted to its views.
+// One camera alone: its possible lenses, and the fit of one of them to its views.
 #pragma once
 
 #include <memory>
@@ -11,60 +11,62 @@
 
 namespace kincal {
 
-/// A LensModel is a lens with the distortion that is estimated: the first `freed` of its numbers.
+/// A LensModel is a lens with the number of its distortion coefficients and of those estimated (the
+/// first `freed`).
 struct LensModel {
   std::string name;  // "brown_conrady_2"
-  std::string type;  // as a rig calls it
+  std::string type;  // its name in rig.yaml
   Lens lens;
   int distortion = 0, freed = 0;
   int numbers() const { return 4 + freed; }
 };
-/// Returns the lenses that are tried, those with fewer numbers first.
+/// Returns the lenses that are tried, those with fewer parameters first.
 const std::vector<LensModel>& lens_models();
-/// Returns those besides, which a user or the rig must ask for.
+/// Returns the other lenses, which are used only if a user or the rig requests them.
 const std::vector<LensModel>& further_lens_models();
-/// Returns whether a camera found to have one lens is a start for the other.
+/// Returns whether the result of one lens is a starting value for the other.
 bool start_alike(Lens a, Lens b);
-/// Returns the lens of that name. @throws std::invalid_argument: there is none; the names.
+/// Returns the lens with this name. @throws std::invalid_argument listing the names: there is none.
 const LensModel& find_lens(const std::string& name);
-/// Returns the lens that a camera of a rig has, with all of its distortion free.
+/// Returns the lens of a rig's camera, with all of its distortion estimated.
 /// @throws std::invalid_argument: it is none of these.
 const LensModel& own_lens(const Sensor& camera);
 
-/// Makes the rig's only step free the lenses, by sensor, and the poses of all cameras but the
-/// first.
+/// Sets the rig's only step: it estimates the lenses, by sensor, and the poses of all cameras but
+/// the first.
 void set_steps(const std::vector<const LensModel*>& lenses, Rig& rig);
-/// Returns the rig of a solution with its values in place, to start from.
+/// Returns the rig of a solution with the estimated values as starting values.
 Rig at_solution(const Solution& solution);
-/// Frees the warp of the boards that samples show; false: they show none.
+/// Adds the warp of the boards in the samples to the estimated parameters. Returns false if the
+/// samples contain no board.
 bool bend_boards(const std::vector<Sample>& samples, Rig& rig);
 /// Returns the rms in px of a solution's residuals in a camera's training views.
 double training_rms(const Solution& solution, int sensor);
 
 using SharedSamples = std::shared_ptr<const std::vector<Sample>>;
 
-/// Returns the recording of a rig that shares the samples.
+/// Returns the recording of a rig, which shares the samples.
 std::shared_ptr<const Recording> recording_of(Rig rig, const SharedSamples& samples);
 
-/// One camera by itself: its samples, and the cameras that it was found to be, to start from.
+/// One camera alone: its samples, and its earlier fits as starting values.
 struct OneCamera {
   Rig rig;  // of one sensor
   SharedSamples samples;
   std::vector<const View*> views;  // of the samples
   std::vector<Sensor> starts;
-  bool bent = false;  // its boards: their warp is fitted with each lens
+  bool bent = false;  // the warp of its boards is fitted with each lens
 };
 OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int camera, bool bent);
 
-/// Fits a lens without initial values from each of its usual starting values, and keeps the best as
-/// a start: the images of one double sphere are nearly those of another with very different
-/// parameters.
+/// Fits a lens without initial values from each of its usual starting values, and adds the best to
+/// the starts. (A double sphere's images are nearly those of another with very different
+/// parameters.)
 void fit_plain_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera);
 
-/// Returns the camera with a lens at the best of the starts of its kind.
+/// Returns the camera with this lens at the best start of its kind.
 Sensor best_start(const OneCamera& camera, const LensModel& model);
 
-/// Fits a lens to one camera, and keeps the result as a start for lenses with more parameters.
+/// Fits a lens to one camera, and adds the result to the starts for lenses with more parameters.
 Solution fit_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera);
 
 }  // namespace kincal

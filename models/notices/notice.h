@@ -1,9 +1,8 @@
-// What a user should know, as data: which kind it is, what it is about, what is the case, why, and
-// what to do. Whoever prints it puts the fields together (sentences()); nobody takes a sentence
-// apart.
+// A notice to the user, as data: its kind, its subject, the fact, the reason, and the action.
+// sentences() joins the fields for printing; no code parses a sentence.
 //
-// Every kind stands in one table (notice.cpp): its id in files, its rank, how severe it is, and
-// what it can cause or explain. A verdict is a fold over notices by (severity, rank): before().
+// All kinds are in one table (notice.cpp): id in files, rank, severity, and possible effects. A
+// verdict follows from the first notice by (severity, rank): before().
 //
 // A text may name an option of the library as `name`, as `estimate_noise`; a program replaces the
 // mark by its own switch.
@@ -15,9 +14,8 @@
 
 namespace kincal {
 
-/// The kinds of notices, in the order of their rank: of two that are as severe, the first one goes
-/// before the other, whose cause it may be. Mistakes are found by the doctor; all others are
-/// warnings of a result.
+/// The kinds of notices, in the order of their rank. Of two with equal severity the first precedes
+/// the other and may be its cause. The doctor finds mistakes; all others are warnings of a result.
 enum class NoticeKind {
   // mistakes
   square,
@@ -114,10 +112,10 @@ enum class NoticeKind {
   undefined_before,
 };
 
-/// How severe a notice is: a remark changes no verdict, a doubt makes it `doubts`, a fault `no`.
+/// The severity of a notice: a remark changes no verdict, a doubt makes it `doubts`, a fault `no`.
 enum class Severity { remark, doubt, fault };
 
-/// A Subject is what a notice is about: a kind of thing and its name in rig, samples or result.
+/// A Subject is the object of a notice: its kind, and its name in rig, samples or result.
 struct Subject {
   enum class Kind { joint, sensor, target, sample, view, parameter, prior, group, step, part };
   Kind kind;
@@ -141,54 +139,52 @@ std::vector<std::string> names_of(const Subjects& subjects);
 struct Notice {
   NoticeKind kind;
   Subjects where;
-  std::string what;  // a clause that says what is the case (of several cases the worst), without
+  std::string what;  // a clause that states the fact (of several the worst), without
                      // full stop
-  std::string why;  // evidence, or what follows: whole sentences, the last without full stop; or ""
-  std::string cure;                      // what to do: a clause without full stop; or ""
-  Severity severity = Severity::remark;  // make_notice(): as the table has it
-  // Of mistakes that were proved by fits: chi2 with the mistake (nothing: that fit cannot start)
-  // and without.
+  std::string why;   // evidence or consequence: whole sentences, the last without full stop; or ""
+  std::string cure;  // the action: a clause without full stop; or ""
+  Severity severity = Severity::remark;  // make_notice(): from the table
+  // Of mistakes proved by fits: chi2 with the mistake (none: that fit cannot start) and without.
   std::optional<double> chi2_as_is = {}, chi2_corrected = {};
-  std::optional<NoticeKind> cause = {};  // the finding that this one speaks of
-  bool estimated = false;      // no mistake where it is estimated: stands behind the others
-  std::string otherwise = {};  // what else to do, or what if the cure is none: as the cure; or ""
+  std::optional<NoticeKind> cause = {};  // the finding that this one refers to
+  bool estimated = false;      // its parameter is estimated, so it is no mistake: listed last
+  std::string otherwise = {};  // another action, or if the cure does not help; like cure; or ""
 };
 
 using Notices = std::vector<Notice>;
 
-/// Returns a notice with the severity of the table.
+/// Returns a notice with the table's severity.
 Notice make_notice(NoticeKind kind, Subjects where, std::string what, std::string why = "",
                    std::string cure = "");
 
-/// Returns the kind of a row of the table, which is that of this value.
+/// Returns the kind with this row in the table, which is also its enum value.
 NoticeKind kind_of_row(int row);
-/// Returns the id of a kind in files, as "outlier_sample"; of mistakes with dashes, as
+/// Returns the id of a kind in files, e.g. "outlier_sample"; ids of mistakes have dashes, e.g.
 /// "joint-sign".
 const char* id(NoticeKind kind);
-/// Returns whether the doctor finds this kind; else it is a warning.
+/// Returns whether this is a mistake that the doctor finds; else it is a warning.
 bool is_mistake(NoticeKind kind);
-/// Returns the ids of all mistakes that the doctor looks for, in the table's order.
+/// Returns the ids of all mistakes that the doctor tests, in the table's order.
 std::vector<std::string> tested_mistakes();
-/// Returns whether this can be why nothing fits, or why a step does not converge.
+/// Returns whether this kind can prevent a good fit or the convergence of a step.
 bool can_spoil_the_fit(NoticeKind kind);
-/// Returns whether this can be a number of rig or samples that nobody can mean.
+/// Returns whether this kind can be an implausible value in rig or samples.
 bool can_be_wrong_number(NoticeKind kind);
-/// Returns whether the weak directions of a result describe more than this warning.
+/// Returns whether a result's weak directions describe this warning in more detail.
 bool is_of_directions(NoticeKind kind);
-/// Returns whether the first notice explains the second, about the same thing, which then need not
-/// be shown.
+/// Returns whether the first notice explains the second, on the same subject, so that the second
+/// need not be shown.
 bool explains(NoticeKind cause, NoticeKind effect);
 
-/// Returns whether a verdict speaks of the first rather than of the second.
+/// Returns whether a verdict names the first rather than the second.
 bool before(const Notice& a, const Notice& b);
 
-/// Returns a text as the beginning of a sentence: its first letter is a capital if it begins with a
-/// word, not with a name.
+/// Returns a text with a capital first letter, unless it begins with a name.
 std::string capital(std::string text);
-/// Returns a notice as text: for a mistake whole sentences; for a warning without capital and full
-/// stop, with its cure after "What to do:".
+/// Returns a notice as text: a mistake as whole sentences; a warning without capital and full stop,
+/// with its cure after "What to do:".
 std::string sentences(const Notice& notice);
-/// Returns "ID: " and these.
+/// Returns "ID: " and these sentences.
 std::string with_id(const Notice& notice);
 
 }  // namespace kincal

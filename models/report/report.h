@@ -1,6 +1,5 @@
-// Everything that is known after a study: a solution, and each analysis and trial that was made of
-// it. What of it a user should know before using the result stands in warnings() (warnings.h), in
-// one place, after everything is known.
+// The result of a study: a solution with its analyses and trials. warnings() (warnings.h) then
+// collects what a user should know before using the result.
 #pragma once
 
 #include <limits>
@@ -28,27 +27,27 @@
 
 namespace kincal {
 
-constexpr size_t kNamed = 5;  // so many names stand in the text of a warning
+constexpr size_t kNamed = 5;  // number of names in the text of a warning
 
-/// A Verdict states whether to use a result, in two lines: `use` (good, doubts or no) and why (a
-/// clause); and the first of `next`, the actions (clauses; none: nothing to do). All other texts
-/// follow these.
+/// A Verdict states whether to use a result, in two lines: `use` (good, doubts or no) with the
+/// reason `why` (a clause); and the first of `next`, the actions (clauses; none: nothing to do).
+/// All other texts follow these.
 struct Verdict {
   std::string use, why;
   std::vector<std::string> next = {};
-  std::vector<std::string> reasons = {};  // what `why` rests on, or holds under: sentences without
+  std::vector<std::string> reasons = {};  // evidence or conditions of `why`: sentences without
                                           // the last full stop
   std::vector<NoticeKind> about = {};     // the finding or warning that decided, and its cause
   std::vector<NoticeKind> see = {};       // other warnings
   std::vector<std::string> held = {};     // parameters fixed because the data do not determine them
   std::vector<std::string> unmet = {};    // requirements
 };
-/// Returns the reasons of a verdict about fixed parameters and tolerances that are not met.
+/// Returns the reasons of a verdict about fixed parameters and unmet tolerances.
 std::vector<std::string> notes(const Verdict& verdict);
 /// Returns a verdict as one paragraph.
 std::string sentences(const Verdict& verdict);
 
-/// NoiseRounds are how the estimation of the noise went.
+/// NoiseRounds describe the estimation of the noise.
 struct NoiseRounds {
   int count = 0;           // calibrations that estimated the noise
   bool converged = false;  // the last of them moved no sigma by more than 1 %
@@ -57,39 +56,40 @@ struct NoiseRounds {
 };
 
 struct Report {
-  Notices input;  // what rig and samples show by themselves, before any fit
+  Notices input;  // found in rig and samples before any fit
   Solution solution;
   Residuals residuals;
   std::vector<NoiseLevel> noise_levels;        // of the last step's sensors and joints
   std::optional<NoiseRounds> noise_estimated;  // else the sigmas are the rig's
-  std::optional<MoreData> more;                // what more of them would bring
-  DataEquations data;                          // what they alone say of the last step's unknowns
-  Explanation explanation;                     // weakly determined directions of the last step
-  std::vector<Leverage> leverage;              // above 1 sigma, largest first
+  std::optional<MoreData> more;                // benefit of more samples
+  DataEquations data;              // information of the data alone on the last step's unknowns
+  Explanation explanation;         // weakly determined directions of the last step
+  std::vector<Leverage> leverage;  // above 1 sigma, largest first
   Misfits misfits;                 // samples and views that fit much worse than the others
-  std::vector<Trend> trends;       // joints whose errors go with where they stand
+  std::vector<Trend> trends;       // joints whose errors depend on their position
   std::vector<Jump> jumps;         // joints whose errors change from some sample on
-  std::vector<Rejected> rejected;  // taken out before the fit
-  std::string no_consensus;        // why nothing was taken out although it was asked for
+  std::vector<Rejected> rejected;  // removed before the fit
+  std::string no_consensus;        // reason why nothing was removed although requested
   std::vector<Rejected>
-      outliers;  // after a plain fit that ended badly: what a robust one would take out
+      outliers;  // after a plain fit that ended badly: those that a robust fit would remove
   std::optional<Restarts> restarts;
-  std::vector<AutomaticGroup> automatic;  // of a rig without steps
+  std::vector<AutomaticGroup> automatic;  // if the rig has no steps
   std::shared_ptr<const Solution> rigid;  // the same without further models; null: none was kept
-  VectorXd mounts;                        // of these, shared values with the mounts alone estimated
-  std::vector<OtherModel> other_models;   // of the data of such a rig, with their odds
-  std::vector<UncheckedScale> unchecked;  // lengths of such a rig that nothing checks
-  std::vector<Gauge> gauges;              // of mounts, that the automatic path fixed
+  VectorXd mounts;  // automatic path: shared values with only the mounts estimated
+  std::vector<OtherModel>
+      other_models;  // automatic path: other models of the data, with their odds
+  std::vector<UncheckedScale> unchecked;  // automatic path: lengths that no measurement checks
+  std::vector<Gauge> gauges;              // automatic path: of mounts, with fixed components
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
-  std::vector<Deflection> deflections;    // where joints bend
+  std::vector<Deflection> deflections;    // if joints bend
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)
-  std::vector<LoopView> loop_views;              // what these are the root mean squares of
+  std::vector<LoopView> loop_views;              // the residuals of `loops`
   Validation validation;
   std::optional<Notice> unexplained;  // why the model does not explain the data
-  Notices warnings;                   // one of a kind
+  Notices warnings;                   // one per kind
   Verdict verdict;
-  std::shared_ptr<const struct GaugeFreedoms> gauge_freedoms;  // gauge_freedoms.h; null: nothing
+  std::shared_ptr<const struct GaugeFreedoms> gauge_freedoms;  // gauge_freedoms.h; null: none
 };
 
 }  // namespace kincal

@@ -24,11 +24,11 @@ struct Judgement {
   Requirement requirement;
   std::string from;  // `test`, `cross_validation`, `train`, `samples`, `limits`, ``
   double measured;   // m, px, rad; NaN: none
-  std::string why;   // there is none, or it does not count
+  std::string why;   // reason: nothing was measured, or it does not count
   bool met = false;
 };
 
-/// Returns "sensor/tracker<0.2mm: 0.169 mm, held out", or why nothing can be measured.
+/// Returns "sensor/tracker<0.2mm: 0.169 mm, held out", or the reason why it cannot be measured.
 std::string judgement_text(const Judgement& judgement);
 
 }  // namespace kincal

@@ -1,4 +1,4 @@
-// What is known of the error of a calibration on other data.
+// Measured and predicted errors of a calibration on other data.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace kincal {
 
 struct Validation {
-  std::vector<std::string> held_out;  // blocks that were taken out of the training
+  std::vector<std::string> held_out;  // blocks removed from training
   std::vector<HeldOutError> test;
   std::optional<CrossValidation> cross_validation;
   std::optional<Baselines> baselines;  // automatic path
@@ -29,8 +29,7 @@ struct Validation {
   }
 };
 
-/// Measures the required quantities; the frames of `validation` must contain that of the
-/// requirement.
+/// Measures a requirement. The frames of `validation` must contain that of the requirement.
 Judgement judge_requirement(const Requirement& requirement, const Validation& validation,
                             const std::vector<SensorResult>& sensors, double chi2_per_dof);
 

@@ -1,5 +1,5 @@
-// The words for everything that a user should know before using a result, made from a report that
-// is otherwise complete.
+// The warnings that a user should read before using a result, made from a report that is otherwise
+// complete.
 #pragma once
 
 #include <vector>
@@ -8,12 +8,12 @@
 
 namespace kincal {
 
-/// A width that is larger than its initial value by this factor (two spreads of the assumed width)
-/// is unusual.
+/// A learned width is unusual if it exceeds its initial value by this factor (two standard
+/// deviations of its assumed distribution).
 constexpr double kUnusualWidth = 9;
 
-/// Returns whether a group came out far worse than usual, so that it may absorb a mistake. (Usual
-/// compliances are known only for loads unlike those of rods of 1 kg.)
+/// Returns whether a group's errors are far larger than usual, so that it may absorb a mistake.
+/// (Usual compliances apply only to loads unlike those of rods of 1 kg.)
 inline bool is_unusual(const AutomaticGroup& group) {
   return !group.held && group.factor > kUnusualWidth && !is_bending(group.name);
 }

@@ -1,4 +1,4 @@
-// Where the robot is asked to stand, what is looked at, and what of that cannot be.
+// Requested postures with their views, and views that are not possible.
 #pragma once
 
 #include <map>
@@ -10,16 +10,16 @@
 
 namespace kincal {
 
-/// A Posture is where the robot is asked to stand, and what is looked at.
+/// A Posture is a requested posture of the robot with its views.
 struct Posture {
   std::string id;
-  std::vector<double> readings;  // true ones, by joint index, NaN: absent
+  std::vector<double> readings;  // true readings, by joint index, NaN: absent
   std::vector<std::pair<int, int>>
-      views;  // (sensor, target) in the samples' order; empty: all that see something
+      views;                    // (sensor, target) in the samples' order; empty: all possible ones
   std::map<int, Pose> targets;  // base_T_target of free targets that no chain holds
 };
 
-/// A DroppedView is one that a posture asks for and that cannot be.
+/// A DroppedView is a requested view that is not possible.
 struct DroppedView {
   std::string sample;
   int sensor, target;

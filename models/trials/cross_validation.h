@@ -1,10 +1,10 @@
-// Cross-validation: as many calibrations as folds (models/rig/folds.h), each judged on the fold
-// that it lacks.
+// Cross-validation: one calibration per fold (models/rig/folds.h), each judged on the fold that it
+// lacks.
 //
-// With fit_without_outliers every calibration takes gross outliers out of its own training samples
-// (outliers.h) and is judged on everything of its fold, outliers included: what is judged must not
-// decide what it is judged on, and a robot in use does not know its outliers beforehand. They weigh
-// on the root mean square; the median beside it they leave alone.
+// With fit_without_outliers every calibration removes gross outliers from its own training samples
+// (outliers.h) and is judged on its whole fold, outliers included: a calibration must not select
+// the data that judge it, and a robot in use cannot identify its outliers in advance. They enlarge
+// the root mean square; the median beside it is hardly affected.
 #pragma once
 
 #include <functional>
@@ -24,24 +24,25 @@ struct CrossValidation {
   struct Fold {
     std::vector<std::string> held_out;  // blocks
     bool converged = false, determined = false;
-    bool judged = false;  // and what its held-out samples have of their own converged as well
+    bool judged = false;             // and the private unknowns of its held-out samples converged
     std::vector<Rejected> rejected;  // of the other folds
-    std::string error;  // why there is no calibration without this fold; its views are missing
+    std::string
+        error;  // reason why there is no calibration without this fold; its views are missing
   };
   bool by_target = false;
-  bool reject = false;  // the caller's: `fit` took gross outliers out of the training of each fold
+  bool reject = false;  // set by the caller: `fit` removed gross outliers from each fold's training
   std::vector<Fold> folds;
   std::vector<std::string> never;  // blocks that are never held out
   std::vector<HeldOutError> sensors;
-  HeldOutSums sums;  // that they are made of
+  HeldOutSums sums;  // the sums behind `sensors`
   Blocks blocks;
 };
 
-/// It is called for each calibration that could be judged, with the places of its samples in the
-/// whole set. It may throw Cancelled.
+/// Called for each calibration that could be judged, with the indices of its samples in the whole
+/// set. It may throw Cancelled.
 using FoldJudge = std::function<void(const Solution&, const std::vector<int>&)>;
 
-/// How the training samples of a fold are calibrated. It may throw Cancelled.
+/// Calibrates the training samples of a fold. It may throw Cancelled.
 using FoldFit =
     std::function<Cleaned(const std::shared_ptr<const Recording>&, const CalibrationOptions&)>;
 Cleaned fit_all(const std::shared_ptr<const Recording>& recording,
@@ -57,13 +58,13 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
                                               const FoldFit& fit = fit_all,
                                               const FoldJudge& also = nullptr);
 
-/// HeldOutBlocks are squares and points held out, by sample.
+/// HeldOutBlocks are sums of squares and numbers of held-out points, by sample.
 using HeldOutBlocks = std::map<int, std::pair<double, long>>;
 HeldOutBlocks blocks(const CrossValidation& held_out);
 /// Returns their root mean square.
 double rms_of(const HeldOutBlocks& blocks);
-/// Returns by how much the root mean square of the one is above that of the other, both of the same
-/// samples, and the standard error of that: the jackknife over samples, paired.
+/// Returns the excess of one root mean square over the other on the same samples, and its standard
+/// error by a paired jackknife over samples.
 std::pair<double, double> worse_by(const HeldOutBlocks& one, const HeldOutBlocks& other);
 
 }  // namespace kincal

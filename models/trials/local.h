@@ -1,10 +1,10 @@
-// Local offsets: additional joint offsets that are right around one posture only (the paper's
+// Local offsets: additional joint offsets that are valid only around one posture (the paper's
 // section 5.5, the plug-in task).
 //
-// A calibrated robot is still wrong by what no rigid model has: belts that stretch, links that
-// bend, gears that run out of true. Such an error varies slowly with the posture, so near one
-// posture it is a constant error of each joint's position, delta. It is estimated from the samples
-// near the posture, with everything else held.
+// A calibrated robot still has errors that a rigid model cannot express: belts that stretch, links
+// that bend, gears with runout. These vary slowly with the posture, so near one posture they are a
+// constant error of each joint's position, delta. It is estimated from the samples near the
+// posture, with everything else fixed.
 //
 // One sample. With its free targets and joint errors eliminated (an orthogonal factorisation, as in
 // solver/observability.h) and its rows compressed by a singular value decomposition, sample i gives
@@ -33,23 +33,23 @@
 // It is the scatter of whole samples about each other in the directions that matter (Birge's
 // ratio), not that of 100 corners of one view.
 //
-// Sigma. Weights are no noise: a sample far away is not noisier, it only counts less. And what
-// scatters more than the rig states is not averaged away: the offset itself varies within the
-// bandwidth, or the robot does not repeat. So the offset of sample i is delta + gamma_i, gamma_i ~
-// N(0, G), G diagonal, noise s0 = min(1, s); G by expectation and maximisation,
+// Sigma. Weights are no noise: a distant sample is not noisier, it only counts less. And scatter
+// beyond the rig's noise is not averaged away: the offset itself varies within the bandwidth, or
+// the robot does not repeat. So the offset of sample i is delta + gamma_i, gamma_i ~ N(0, G), G
+// diagonal, noise s0 = min(1, s); G by expectation and maximisation,
 //     P_i = (F_i'F_i / s0^2 + G^-1)^-1,  m_i = P_i F_i'(z_i - F_i delta) / s0^2,
 //     G_j = sum w_i (m_ij^2 + P_i,jj) / sum w_i,
-// and the variance of what is wanted, the right offset at one posture near here, is
+// and the variance of the right offset at one posture near here is
 //     A^-1 (s0^2 B + s^4 / t^2 + sum w_i^2 F_i'F_i G F_i'F_i) A^-1 + G.
-// The mean alone is better known than that where the samples lie evenly around the posture; that is
-// not known.
+// The mean alone is more certain if the samples lie evenly around the posture, which is unknown.
 //
-// Radius of validity. g_i = |z_i|^2 - |z_i - F_i delta_-i|^2 is what the offsets gain at sample i,
-// which had no part in them. Going outwards, the sum of g_i grows as long as they predict better
-// than the calibration as it is; the radius is where it is largest. A gain is claimed if that sum
-// is at least two of its standard errors and if the offsets are no accident: under the hypothesis
-// that there are none g ~ N(0, s^2 B), so that (g'B^-1 g / p) / s^2 has an F distribution; as a
-// standard normal number it must be above 3.5. The margin is for having chosen h and the radius.
+// Radius of validity. g_i = |z_i|^2 - |z_i - F_i delta_-i|^2 is the gain by the offsets at sample
+// i, which took no part in their estimate. With growing distance, the sum of g_i grows while they
+// predict better than the plain calibration; the radius is where it is largest. A gain is claimed
+// if that sum is at least two of its standard errors and if the offsets are no accident: under the
+// hypothesis that there are none g ~ N(0, s^2 B), so that (g'B^-1 g / p) / s^2 has an F
+// distribution; as a standard normal number it must be above 3.5. The margin is for having chosen h
+// and the radius.
 #pragma once
 
 #include <map>
@@ -64,26 +64,25 @@ namespace kincal {
 /// A posture needs at least this many samples near it.
 constexpr int kLocalSamples = 8;
 
-/// A LocalPosture has positions (rad, m) by joint index: of the joints that make up the distance
-/// and whose offsets are estimated.
+/// A LocalPosture has positions (rad, m) by joint index, of the joints that define the distance and
+/// whose offsets are estimated.
 using LocalPosture = std::map<int, double>;
 
 struct LocalOptions {
   NoiseMode noise = NoiseMode::latent;
-  double within = 1;  // rad, m: samples further away take no part
+  double within = 1;  // rad, m: more distant samples take no part
   Progress progress;
 };
 
 struct LocalOffset {
   int joint = -1;
   /// rad, m: position = scale * reading + the rig's offset + this. NaN: unknown, because no sample
-  /// within the bandwidth depends on the joint; `sigma` and `variation` are NaN as well.
+  /// within the bandwidth depends on the joint; `sigma` and `variation` are then NaN as well.
   double offset = 0;
-  double sigma = 0;  // of the right offset at a posture near this one; NaN where no gain is claimed
+  double sigma = 0;  // of the right offset at a posture near this one; NaN if no gain is claimed
   double variation =
       0;  // part of sigma: scatter from posture to posture beyond the noise as stated; NaN likewise
-  bool determined =
-      false;  // by the samples; else the prior holds it (sigma above 0.9 of the prior's)
+  bool determined = false;  // by the samples; else by the prior (sigma above 0.9 of the prior's)
 };
 
 struct LocalCalibration {
@@ -93,13 +92,13 @@ struct LocalCalibration {
   std::vector<double> distances;  // of all training samples that have the joints, ascending
   int near = 0;         // of these within the limit with a view that depends on the joints
   bool enough = false;  // near >= kLocalSamples; else nothing below is set
-  bool gain = false;    // else the offsets are 0: the calibration as it is is as good here
+  bool gain = false;    // else the offsets are 0: the plain calibration is as good here
   bool ends =
-      true;  // the gain ends within the samples looked at; else the radius is that of the furthest
-  double radius = 0;  // rad, m; without gain: the bandwidth, for which the errors below are
+      true;  // the gain ends within the tested samples; else the radius is that of the furthest
+  double radius = 0;  // rad, m; without gain: the bandwidth, to which the errors below apply
   int samples = 0;    // training samples within the radius
-  double bandwidth = 0, prior = 0;  // h and t as chosen
-  double noise = 0;                 // s as seen
+  double bandwidth = 0, prior = 0;  // the chosen h and t
+  double noise = 0;                 // s, estimated
   double chi2_before = 0,
          chi2 = 0;  // within the radius, in the directions of the offsets; left out one by one
   double gain_sigma = 0;    // standard error of chi2_before - chi2
@@ -107,19 +106,19 @@ struct LocalCalibration {
   std::vector<LocalOffset>
       offsets;  // in the order of joint indices, of joints that some view near depends on
   /// Errors within the radius: rms_before and rotation_before without the offsets, rms_as_read and
-  /// rotation_as_read with them; readings exact, free targets estimated; training samples are left
-  /// out one by one. The other members are not set.
+  /// rotation_as_read with them. Readings count as exact, free targets are estimated, training
+  /// samples are left out one by one. The other members are not set.
   std::vector<SensorResult> sensors;
 };
 
 /// Returns the positions of the joints that the sample's views depend on.
 LocalPosture posture_of(const Rig& rig, const Sample& sample);
 
-/// Estimates the offsets around a posture of a calibrated `rig`. Of its steps nothing counts but
-/// which absent poses they leave open: these are estimated first. Samples whose split is `test`
-/// take no part; they are judged.
-/// @throws std::invalid_argument: a posture without joints; a joint of it that no sample has.
-/// std::runtime_error: an open pose that the samples do not give. Cancelled.
+/// Estimates the offsets around a posture of a calibrated `rig`. Its steps only define which absent
+/// poses are open; these are estimated first. Samples with split `test` take no part in the
+/// estimate and only judge it.
+/// @throws std::invalid_argument: a posture without joints, or a joint that no sample has;
+/// std::runtime_error: an open pose that the samples do not determine; Cancelled.
 LocalCalibration calibrate_locally(const Rig& rig, const std::vector<Sample>& samples,
                                    const LocalPosture& posture, const LocalOptions& options);
 

@@ -1,17 +1,17 @@
-// Gross outliers taken out of a calibration: points, views, samples.
+// Removes gross outliers from a calibration: points, views, samples.
 //
-//   1. A graduated fit of every step (fitting/robust.h) to everything: no plain fit, which gross
-//   outliers would ruin.
+//   1. A graduated fit of every step (fitting/robust.h) to all data, because gross outliers would
+//      corrupt a plain fit.
 //   2. Every training sample is judged by that fit (consensus.h).
-//   3. A plain calibration of what is left, and 2. again at its values, until the same things are
-//   out. What was out may come back, once.
+//   3. A plain calibration of the remaining data, and 2. again at its values, until the outliers no
+//      longer change. Each may return once.
 // Joints that are clearly noisier than the rig states (by the median of their errors) are judged by
-// what is seen of them: that their sigmas are too small is a finding of its own, and no reason to
-// take right samples out. The result has the sigmas of the rig.
+// their actual noise: a sigma that is too small is a finding of its own, and no reason to remove
+// good samples. The result has the rig's sigmas.
 //
-// They are found in mode `latent`; the result is an ordinary calibration of what is left in the
-// mode and with the losses that were asked for. The views of the last step's sensors are judged.
-// Held-out samples are never touched.
+// Outliers are sought in mode `latent`; the result is an ordinary calibration of the remaining data
+// with the requested mode and losses. Only views of the last step's sensors are judged. Held-out
+// samples remain unchanged.
 #pragma once
 
 #include <memory>
@@ -23,20 +23,20 @@
 
 namespace kincal {
 
-/// A Rejected is a gross outlier that was removed: points of a view, a view (no ids), a sample (no
-/// sensor and target).
+/// A Rejected is a gross outlier that was removed: points of a view, a view (no ids), or a sample
+/// (no sensor and target).
 struct Rejected {
   std::string sample, sensor, target;
   std::vector<int> ids;
   std::string reason;
 };
 
-/// Cleaned is a calibration of the remaining data: its recording is that of the solution.
+/// Cleaned is a calibration of the remaining data. Its recording is that of the solution.
 struct Cleaned {
-  Solution solution;  // of status undefined_start where it, or a fit before it, cannot start
+  Solution solution;  // status undefined_start if it, or a fit before it, cannot start
   std::vector<Rejected> rejected;
-  std::string no_consensus;  // not empty: more than half would be out, so nothing was taken out
-  std::vector<int> kept;     // where each sample of the solution stands in the given recording
+  std::string no_consensus;  // not empty: more than half would be outliers, so none was removed
+  std::vector<int> kept;     // index of each of the solution's samples in the given recording
 };
 
 /// Calibrates without gross outliers. If more than half of the training samples would be removed
@@ -45,8 +45,8 @@ struct Cleaned {
 std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
                                                   const CalibrationOptions& options);
 
-/// Returns what calibrate_without_outliers() would take out, after a plain calibration that ended
-/// badly; it is empty also where nothing would be. nullopt: cancelled.
+/// Returns the outliers that calibrate_without_outliers() would remove, for a plain calibration
+/// that ended badly. It is also empty if nothing would be removed. nullopt: cancelled.
 std::optional<std::vector<Rejected>> find_outliers(
     const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
 

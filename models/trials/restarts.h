@@ -1,23 +1,23 @@
-// Local minima: the same steps from other places, and whether they end in the same minimum.
+// Local minima: runs the same steps from other starts, and tests whether they reach the same
+// minimum.
 //
-// Levenberg-Marquardt finds a minimum near its start; steps of estimation are there to make it the
-// right one. That cannot be proved, but it can be tried: whatever a step frees that no step before
-// it did is moved at random before the step begins, and the ends are compared. (Not everything at
-// once: in a step that holds something, other held values mean another problem, not another minimum
-// of the same.)
+// Levenberg-Marquardt finds a minimum near its start; the steps of estimation should make it the
+// right one. This cannot be proved, but tested: parameters that a step estimates for the first time
+// are moved at random before the step begins, and the results are compared. (Not all at once: if a
+// step fixes parameters, other fixed values define another problem, not another minimum.)
 //
-// How far. A component with a prior in its step is moved by N(0, the prior's sigma), any other by
+// Distances. A component with a prior in its step is moved by N(0, the prior's sigma), any other by
 // N(0, its usual error) of the table of scales (models/rig/scales.h).
-// Poses move by an increment on the right, partly freed ones by their freed components of xi. A
+// Poses move by an increment on the right, partly estimated ones by these components of xi. A
 // start that cannot be evaluated (a point behind its camera) is tried again at half its distance,
-// up to six times: such a start would not be chosen.
+// up to six times, because nobody would choose it.
 //
-// A loss whose scale comes from the data keeps the scales of the result's last step: else every
-// restart would minimise another cost.
+// A loss whose scale comes from the data keeps the scales of the result's last step: otherwise
+// every restart would minimise another cost.
 //
 // The same minimum: costs within 1e-6 of each other, relatively (or absolutely), and no estimated
-// number apart by more than 0.01 of its sigma; what the data do not determine is not compared. An
-// end whose last step did not converge, or without a start, counts as failed.
+// component different by more than 0.01 of its sigma; undetermined components are not compared. A
+// restart whose last step did not converge, or without a start, counts as failed.
 #pragma once
 
 #include <optional>
@@ -29,12 +29,12 @@
 
 namespace kincal {
 
-/// A Minimum is where some starts ended.
+/// A Minimum is a result that some starts reached.
 struct Minimum {
   double cost = 0, chi2 = 0;  // of the last step
   int count = 0;              // restarts that ended here
-  /// These components differ most from the result, up to 10: name, and minimum minus result in the
-  /// result's sigmas.
+  /// The components that differ most from the result, up to 10: name, and minimum minus result in
+  /// the result's sigmas.
   std::vector<std::pair<std::string, double>> differs;
 };
 
@@ -44,8 +44,8 @@ struct Restarts {
   std::vector<Minimum> minima;  // the result's own first, the others by cost
 };
 
-/// Runs the steps that led to a solution `count` times from other starts, the same starts every
-/// time. The options are those of the solution. nullopt: cancelled.
+/// Runs the steps of a solution `count` times from other starts, the same ones every time. The
+/// options are those of the solution. nullopt: cancelled.
 std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options,
                                  int count);
 
