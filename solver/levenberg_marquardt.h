@@ -10,21 +10,21 @@
 //
 // Converged: the Newton decrement, the length |J d| of the undamped step at the point where it
 // starts, is below 1e-7 standard deviations, whatever damping earlier steps needed; or it no longer
-// halves and its square is below what the cost resolves (a whitened residual is known to 1e-12,
-// so the cost to |r| |error of r| + 1e-14 |r|^2); or the residuals are nothing (noise-free data).
+// halves and its square is below what the cost resolves (a whitened residual is accurate to 1e-12,
+// so the cost to |r| |error of r| + 1e-14 |r|^2); or the residuals are zero (noise-free data).
 //
 // Far from the minimum steps are damped: Nielsen's update, but a thirtieth where the gain is within
 // 3 % of 1. Near it (steps below one standard deviation, or that promise little, or undamped ones
 // that were accepted) the undamped step is solved for first, which is what the decrement needs
-// anyway; then come, until one lowers the cost: its Anderson acceleration, itself, shares of it (it
-// leads downhill), damped steps. With residuals that the model cannot explain the undamped step is
-// a poor map: second derivatives that it lacks make it too short, or so long that it raises the
-// cost. The last few undamped steps and where the iteration really went tell what is lacking,
-// whichever step was taken. Where that takes long (six steps, more where there are many shared
-// columns), second derivatives are found by differences of gradients, a linearisation for each
+// anyway; then these are tried until one lowers the cost: its Anderson acceleration, the step
+// itself, shares of it (it leads downhill), damped steps. If the model cannot explain the
+// residuals, the undamped step is poor: missing second derivatives make it too short, or so long
+// that it raises the cost. The last few undamped steps and the actual path of the iteration show
+// the missing part, whichever step was taken. If this takes long (six steps, more with many shared
+// columns), second derivatives are computed by differences of gradients, a linearisation for each
 // column, once and then after twice as many steps each time: S = H - J'WJ, column by column, is
-// added to what is linearised until steps with it lead nowhere. Covariances that depend on the
-// state are renewed after each step near the minimum: the point where nothing moves, J'(x) W(x)
+// added to the linearisation until steps with it fail to lower the cost. Covariances that depend on
+// the state are renewed after each step near the minimum: the point where nothing moves, J'(x) W(x)
 // r(x) = 0, is the same as that of complete minimisations in turn. Where a step is likely to be
 // accepted and not the last one, its end is linearised at once, which gives the cost and is the
 // next iteration's linearisation; after a rejected one trials evaluate only, and a rejected step
@@ -65,7 +65,7 @@ struct SolveSummary {
   Cost cost;
   std::vector<std::pair<double, double>>
       history;               // chi2, damping: at the start and after each iteration
-  int undefined_group = -1;  // of an undefined start: its first such group, or the costliest
+  int undefined_group = -1;  // of an undefined start: the first undefined group, or the costliest
 };
 
 /// Returns the summary. @throws Cancelled if the solve was cancelled

@@ -19,8 +19,8 @@
 //
 // The rest is unobservable. Several such directions form a subspace; its basis is brought to
 // reduced echelon form with pivoting, which keeps independent gauges apart (gauges of disjoint
-// parameters exactly: what rounding leaves in the entries of others, up to 3e-9 of the scaled unit
-// vector, is taken for 0).
+// parameters exactly: rounding in the entries of others, up to 3e-9 of the scaled unit vector,
+// counts as 0).
 //
 // Of the unknowns the priors decide tr(R_p C R_p') and the data the rest, the effective number of
 // parameters tr(H_data H^-1): by it chi2 of the data alone is to be judged.

@@ -2,12 +2,12 @@
 // component `core`, which needs Eigen alone, and can be read without exceptions and run-time types.
 //
 //   The data           Rig (with Tree, Sensor, Target, Step), Sample, make_recording(); sensors by
-//                      make_camera() ..., joint models by joint_models(); ParameterTable and
-//                      Configuration: what can be estimated, and where everything is.
-//   Calibration        Runs the steps of a rig, and again with other measurements; its Solution.
-//   Monitor            Samples one at a time: how well each fits, and what has moved since.
+//                      make_camera() ..., joint models by joint_models(); ParameterTable (the
+//                      parameters) and Configuration (all poses).
+//   Calibration        Runs the steps of a rig, also again with other measurements; Solution.
+//   Monitor            Samples one at a time: the fit of each, and what has moved since.
 //
-// What else kincal does with them is in kincal.h.
+// kincal.h has the other functions of kincal.
 #pragma once
 
 // Robots, sensors, targets, samples

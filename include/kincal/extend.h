@@ -1,13 +1,13 @@
-// What a sensor or a joint model of your own needs; docs/adding-a-sensor.md makes one of each.
+// Interfaces for a sensor or a joint model of your own; docs/adding-a-sensor.md makes one of each.
 //
-//   SensorModel        The contract of sensors: ViewInput, Columns, MeasurementKind, NoisePart.
-//   PointwiseSensor    Makes a SensorModel of a function of one point.
+//   SensorModel        The interface of sensors: ViewInput, Columns, MeasurementKind, NoisePart.
+//   PointwiseSensor    Makes a SensorModel from a function of one point.
 //   Scan               The joint that moves while a sensor scans.
-//   JointModel         The contract of joint models; JointNumber, LinearJoint, linear_joint().
-//   joint_models()     The joint models that kincal brings along, by name.
+//   JointModel         The interface of joint models; JointNumber, LinearJoint, linear_joint().
+//   joint_models()     The built-in joint models, by name.
 //   check_jacobian()   Compares derivatives with differences.
 //
-// Poses, rotations and twists come along (exp_se3(), log_so3(), adjoint() ...). A rig takes a model
+// Poses, rotations and twists are included (exp_se3(), log_so3(), adjoint() ...). A rig has a model
 // in Sensor::model and JointSettings::model: kincal.h.
 #pragma once
 

@@ -1,4 +1,4 @@
-// Files in and out. It needs the component `io`, and kincal.h for what is done between them.
+// Reads and writes files. It needs the component `io`, and kincal.h for the computations.
 //
 //   read_rig()         rig.yaml with its URDF: RigFile, whose `rig` is the Rig.
 //   read_samples()     samples.jsonl.
@@ -6,12 +6,12 @@
 //   read_postures()    Postures and truths of simulations.
 //   make_results()     All files of a Report, as texts (report_page(): report.html of these);
 //                      write_results() puts them into a directory.
-//   read_calibrated()  What such a directory has; compare() two of them, apply_result() to another
+//   read_calibrated()  Reads this directory; compare() two of them, apply_result() to another
 //                      copy of the robot.
 //   Others             Texts of a rig and of samples (rig_text(), samples_text()); files of lenses,
 //                      of local offsets and of fleets; export_calibrated() for other programs.
 //
-// What is wrong in a file is an InputError that names the place.
+// A mistake in a file is an InputError that names the place.
 #pragma once
 
 #include "detail/io/document/error.h"

@@ -2,22 +2,22 @@
 // own (extend.h) and the solver by itself (solver.h). It needs the component `models`.
 //
 //   core.h             The data, and calibrations of explicit steps.
-//   study()            All that the program `calibrate` does; its Report, with Notice and Verdict.
-//   Automatic          calibrate_automatically(): a rig without steps.
-//   Analyses           linearise() a solution, then residuals(), noise_levels(), explain(),
+//   study()            Does the same as the program `calibrate`; its Report, with Notice and
+//   Verdict. Automatic          calibrate_automatically(), if the rig has no steps. Analyses
+//   linearise() a solution, then residuals(), noise_levels(), explain(),
 //                      leverage(), loops(), misfits(), errors of frames and of held-out samples.
 //   Trials             estimate_noise(), cross_validate(), restarts(),
 //                      calibrate_without_outliers(), calibrate_locally() around a posture.
 //   diagnose()         Looks for mistakes in the input.
 //   simulate()         Samples of a simulated robot.
 //   Others             calibrate_intrinsics(): lenses without a robot. study_fleet(): results of
-//                      many robots. evidence(): which of several models the data prefer.
+//                      many robots. evidence(): the odds of several models of the data.
 #pragma once
 
 // Calibrations
 #include "core.h"
 #include "detail/models/automatic/automatic.h"
-// What a solution is worth
+// The quality of a solution
 #include "detail/models/analysis/data_equations.h"
 #include "detail/models/analysis/frames.h"
 #include "detail/models/analysis/held_out.h"

@@ -1,8 +1,8 @@
 // The solver by itself: nonlinear least squares with shared and private unknowns, without robots.
-// It needs the component `solver` alone.
+// It needs only the component `solver`.
 //
-//   Problem            What is minimised: derive from it. RangeProblem: of very many tiny groups.
-//   Loss               Losses that a problem may use: none, Huber, Cauchy, Tukey.
+//   Problem            The minimised problem: derive from it. RangeProblem: of very many tiny
+//   groups. Loss               Losses that a problem may use: none, Huber, Cauchy, Tukey.
 //   LevenbergMarquardt Minimises a problem; SolverOptions, SolveSummary, Outcome.
 //   observe()          What the data determine at a solution: rank, covariance, and the directions
 //                      that nothing determines (Observability).

@@ -19,12 +19,12 @@ struct ExportedFile {
 /// ExportOptions select the parts of a calibration to write, like the options of `kincal export`.
 struct ExportOptions {
   std::string format;                // one of export_formats()
-  std::vector<std::string> sensors;  // none: all that the format can hold
+  std::vector<std::string> sensors;  // none: all that the format can express
   std::string child, known;          // of mounts: the driver's frame (driver_mount())
   std::string pose_format;           // of poses: one of those of `kincal import`
   std::string tip;                   // of dh, modified_dh: the link at the end of the chain
   std::string prefix;                // of ur_kinematics: before the names of the joints
-  std::string from;                  // of ur_kinematics, lerobot: the file that gets the numbers
+  std::string from;                  // of ur_kinematics, lerobot: the file to change
   std::string motors = "feetech";    // of lerobot; or dynamixel
 };
 

@@ -1,6 +1,6 @@
-// report.html: one page that shows a result, made from the files of its folder alone. The page
-// itself (page/: TypeScript, built once into page/built/report.html) draws; here its data is put
-// together and put into it. What the data is made of stands in page/src/data.ts.
+// report.html: one page that shows a result, made only from the files of its folder. The page
+// (page/: TypeScript, built once into page/built/report.html) draws; this code collects its data
+// and inserts them. page/src/data.ts defines the data.
 #pragma once
 
 #include <string>

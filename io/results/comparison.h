@@ -1,8 +1,8 @@
 // Compares two calibrations of one robot: parameter by parameter, and by the poses of its frames.
 //
-// Poses are compared as poses, E = a^-1 b, whatever they were started from: translation of E and
-// Log of its rotation, in the frame itself. Their sigmas belong to increments there (of partly
-// freed poses: to xi, the same while that is small).
+// Poses are compared by E = a^-1 b, independent of their starting values: translation of E and Log
+// of its rotation, in the frame itself. Their sigmas are those of increments there (for partly
+// estimated poses: of xi, the same while that is small).
 #pragma once
 
 #include <string>
@@ -18,19 +18,19 @@ struct ParameterDifference {
   bool pose = false;
   std::vector<double> a, b;        // poses: xyz and rpy
   std::vector<double> difference;  // b - a; poses: E
-  std::vector<double> sigma;  // of the difference; NaN: unknown, not determined, or held in both
+  std::vector<double> sigma;  // of the difference; NaN: unknown, not determined, or fixed in both
   std::vector<char> undetermined;  // by component, in a or b
 };
 
 struct Comparison {
   std::string base;
-  std::vector<ParameterDifference> parameters;  // that either freed, or that differ
+  std::vector<ParameterDifference> parameters;  // those that either estimated, or that differ
   std::vector<FrameDifference> frames;
-  bool sigmas = true;  // both have some: where a frame has none, it is not determined
+  bool sigmas = true;  // both have sigmas: a frame without one is not determined
   std::vector<std::string> only_in_a, only_in_b;  // parameters
-  std::vector<std::string> open_in_a, open_in_b;  // poses that one leaves open: not compared
+  std::vector<std::string> open_in_a, open_in_b;  // poses open in one of them: not compared
   std::string workspace;                          // `samples` or `limits`
-  std::vector<std::string> notes;                 // what to keep in mind
+  std::vector<std::string> notes;                 // remarks
 };
 /// Compares two calibrations. `frames` are names (find_frame); if empty, the links with a sensor or
 /// mounted target and the frames of these are compared. `samples` is a file whose readings are the

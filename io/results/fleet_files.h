@@ -14,8 +14,8 @@ namespace kincal {
 struct Fleet {
   std::vector<FleetNumber> numbers;
   std::vector<FleetResult> results;
-  std::string reference;  // the result whose poses those of all count from
-  std::vector<std::pair<std::string, std::string>> left_out;  // result, why
+  std::string reference;  // the result whose poses are the reference of all others
+  std::vector<std::pair<std::string, std::string>> left_out;  // result, reason
   /// Results made with another rig than the majority, each with the differences. Their poorly
   /// determined parameters may differ for this reason alone.
   std::vector<std::pair<std::string, std::string>> other_rigs;

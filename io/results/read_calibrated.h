@@ -21,13 +21,12 @@ struct CalibratedFiles {
   std::string path;  // as given
   RigFile rig_file;
   ParameterTable table;
-  VectorXd
-      values;  // ParameterTable's layout; offsets taken out of the origins where they are known
-  std::string status = {};               // as in result.json; empty: there is none
+  VectorXd values;          // ParameterTable's layout; known offsets are removed from the origins
+  std::string status = {};  // as in result.json; empty: none
   std::string lens_status = {};          // as in intrinsics.json; likewise
-  std::vector<std::string> doubts = {};  // what these say against using it
+  std::vector<std::string> doubts = {};  // their reasons against use
   std::map<std::string, std::vector<double>> sigma =
-      {};  // parameter that a step freed -> by component; NaN: not determined, 0: held
+      {};  // estimated parameter -> by component; NaN: not determined, 0: fixed
   std::optional<Unknowns> unknowns = {};
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }

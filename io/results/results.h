@@ -31,13 +31,13 @@ struct ResultFiles {
       loops_csv;               // the last two: empty, not written
   std::string report_html;     // made of these (io/report); empty: not written
   std::string batch_json;      // left to a batch (summary_file.h); empty: not written
-  std::function<Node()> told;  // makes what result_json tells, but for samples and scene: for
-                               // tables
+  std::function<Node()> told;  // makes the content of result_json without samples and scene,
+                               // for tables
   std::string rig_hash, samples_hash, urdf_hash;  // SHA-256 of the inputs, as in result.json
   std::vector<Reduction> reductions;     // of every calibrated scale whose joint has a transmission
-  std::vector<MountText> mounts;         // of what was estimated and no joint has; in changes.yaml
-  std::vector<std::string> not_in_urdf;  // freed parameters that a URDF cannot express; they stand
-                                         // in rig.yaml and result.json
+  std::vector<MountText> mounts;         // estimated mounts that are in no joint; in changes.yaml
+  std::vector<std::string> not_in_urdf;  // estimated parameters that a URDF cannot express; they
+                                         // are in rig.yaml and result.json
 };
 
 struct ResultOptions {

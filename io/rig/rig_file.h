@@ -22,8 +22,8 @@ struct RigFile {
   Rig rig;
   Urdf urdf;                 // its tree as written: floating joints are opened in the rig's only
   bool flange_only = false;  // `robot: {base, flange}`: there is no URDF, this is made up
-  JointModels joint_models;  // that the rig can name
-  std::string serial, time;  // of the robot and the recording, as they stand; for the record
+  JointModels joint_models;  // those that the rig can name
+  std::string serial, time;  // of the robot and the recording, unchanged; for the record
 };
 
 /// Reads a rig and its robot. If `urdf_path` is given, it replaces the rig's robot; the rig's joint

@@ -26,14 +26,14 @@ struct RigValues {
   std::vector<std::shared_ptr<const JointModel>> joint_models;
   std::vector<std::vector<double>>
       joint_further;  // components of the models beyond offset and scale
-  std::vector<std::vector<double>> sensor_sigmas;  // by sensor index, as the model takes them
-  std::vector<std::optional<Pose>> sensor_poses;   // by sensor index; none: not known
+  std::vector<std::vector<double>> sensor_sigmas;  // by sensor index, in the model's order
+  std::vector<std::optional<Pose>> sensor_poses;   // by sensor index; none: unknown
   std::vector<std::vector<std::vector<double>>> sensor_parameters;  // by sensor, block, component
   std::vector<std::optional<Pose>> target_poses;  // by target index; of free ones ignored
   std::vector<double> target_squares;
   std::vector<Eigen::Vector2d> target_warps;
   std::vector<Eigen::Matrix3Xd> target_points;  // not grids
-  std::optional<Elasticity> elasticity;         // with it the entry is written anew
+  std::optional<Elasticity> elasticity;         // if set, the entry is written again
 };
 RigValues values_of(const Rig& rig);
 

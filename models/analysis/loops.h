@@ -1,7 +1,7 @@
 // Loops: the agreement of every pair of sensors through the robot (the paper's figure 10).
 //
 // Where two sensors see the same target in the same sample, the points of the one are carried
-// through the kinematics into the residual of the other, against what that measured itself:
+// through the kinematics into the residual of the other, compared with its measurement:
 //     hub_p = hub_T_from p_from,    r = h_to(to_T_hub hub_p) - z_to,
 //     hub: the base, or the link that carries the target.
 // Joint readings are raw and shared parameters unchanged; no target's pose is estimated, and only

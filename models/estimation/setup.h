@@ -30,8 +30,7 @@ struct EstimationSetup {
   int only_target = -1;       // views of this target only (to start it)
   bool apart = false;  // samples are solved one at a time, selected by Estimation::take_alone();
                        // no shared parameter is estimated
-  VectorXd
-      initial;  // shared values that priors and partly freed poses count from; empty: the rig's
+  VectorXd initial;    // reference of priors and partly estimated poses; empty: the rig's values
 };
 
 /// An AmbiguousStart is a pair of poses for which the data give several solutions that fit equally

@@ -68,7 +68,7 @@ struct ViewInput {
   const int* ids = nullptr;                  // indices of the seen points
   int count = 0;                             // their number
   const double* z = nullptr;  // count x measurement_size() values (a pose: 7, x y z qx qy qz qw)
-  const double* sigma = nullptr;  // sigmas() standard deviations, for own_noise(); null: not known
+  const double* sigma = nullptr;  // sigmas() standard deviations, for own_noise(); null: unknown
 };
 
 /// Columns are the positions of the columns of L. A group of columns that the caller does not need
