@@ -16,7 +16,7 @@ void set_nominal(RigFile& rig, const std::vector<NominalValue>& values);
 void add_priors(RigFile& rig, const std::vector<PriorSetting>& priors);
 
 /// Replaces the lens of a camera by that of `found`, in the rig's data and text. `model` is the
-/// lens's name in rig.yaml.
+/// lens's name in rig.yaml, written only if the type of lens changes.
 void set_lens(RigFile& rig, int camera, const std::string& model, const Sensor& found);
 
 /// RigValues are new values for a rig's text.

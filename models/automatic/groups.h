@@ -102,8 +102,9 @@ std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
 /// different baselines.
 bool is_pair(const Rig& rig, int a, int b);
 
-/// Returns the rig with one common pose for the cameras of each rectified pair (Sensor::pose_of),
-/// unless a fixed joint carries only this pair; its origin then replaces the pose.
+/// Returns the rig with one common pose for the cameras of each rectified pair (Sensor::pose_of).
+/// If a fixed joint carries their link and nothing that moves, its origin replaces this pose
+/// instead. Pairs with a stated mount are unchanged.
 Rig with_pair_poses(Rig rig);
 
 /// Returns the groups of a recording on which its training samples depend.

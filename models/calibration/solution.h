@@ -126,7 +126,7 @@ struct Solution {
   std::vector<std::string> identity_starts;  // poses absent from the rig, and estimated in part or
                                              // with a prior: they start at the identity
   std::vector<std::string>
-      lost_starts;  // those of computed_starts that have no relation to a known pose
+      lost_starts;  // those of computed_starts that no measurement connects to a known pose
   std::vector<AmbiguousStart> ambiguous_starts;  // those with several solutions
   std::vector<ReplacedStart> replaced_starts;    // given poses that the data contradict
   std::vector<std::string> without_effect;       // as in the last step's plan

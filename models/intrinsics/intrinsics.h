@@ -99,9 +99,9 @@ std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,
                                                      const std::vector<Sample>& samples,
                                                      const IntrinsicsOptions& options);
 
-/// Returns the rig's camera with the calibrated lens and pose. The pose is the given rig's if the
-/// rig does not give that of the reference. Its sigma is unchanged, because the robot's
-/// contribution to the noise of corners is unknown here.
+/// Returns the rig's camera with the calibrated lens and pose. The pose remains the given rig's for
+/// the reference camera, and if the rig does not give that of the reference. The sigma is
+/// unchanged, because the robot's contribution to the noise of corners is unknown here.
 Sensor calibrated_camera(const Rig& rig, const IntrinsicsResult& result,
                          const CameraIntrinsics& camera);
 

@@ -110,10 +110,12 @@ class Monitor {
   /// moved() from now on.
   void restart(bool accept);
 
-  /// Recalibrates from the calibrated knowledge, with the possible changes of these groups, and the
-  /// samples of a window, by this number of Gauss-Newton iterations. Of the samples that do not fit
-  /// after an iteration, the worse half is left out of the next. The monitor is unchanged.
-  /// @throws std::invalid_argument: no such group, or a sample that add() refuses
+  /// Recalibrates from the calibration, with the uncertainty of these groups enlarged by their
+  /// usual changes, and the samples of a window, by this number of Gauss-Newton iterations. Of the
+  /// samples that do not fit after an iteration, the worse half is left out of the next. The
+  /// monitor is unchanged.
+  /// @throws std::invalid_argument: no such group, less than one iteration, or a sample that add()
+  /// refuses
   Recalibration recalibrated(const std::vector<Sample>& window, const std::vector<int>& groups,
                              int iterations = 5) const;
 

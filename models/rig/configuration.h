@@ -99,9 +99,10 @@ std::vector<int> joints_between(const Rig& rig, const View& view);
 /// none; free ones need none) relative to the base. The sensor's scanning joint is omitted unless
 /// the target needs it.
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
-/// Returns the joints whose readings a view of the sensor on the target needs. For a mounted target
-/// these are the joints between both; a joint that carries both cancels. If the sensor's scanning
-/// joint carries both, it does not cancel, because the rays have readings of their own.
+/// Returns the joints whose readings a view of the sensor on the target needs: for a mounted target
+/// those between both (a joint that carries both cancels), for a free one needed_readings(). The
+/// latter also apply if the sensor's scanning joint is not between both, because its rays have
+/// readings of their own.
 std::vector<int> view_readings(const Rig& rig, int sensor, int target);
 /// Returns readings with 0 in place of absent ones, for computations that do not depend on these.
 std::vector<double> completed(std::vector<double> readings);
