@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
@@ -72,6 +73,17 @@ MatrixXd Cholesky::inverse_factor() const {
   return out;
 }
 
+struct Lu::Parts {
+  Eigen::PartialPivLU<MatrixXd> lu;
+};
+Lu::Lu(const MatrixXd& a) : parts_(new Parts{Eigen::PartialPivLU<MatrixXd>(a)}) {}
+Lu::~Lu() = default;
+MatrixXd Lu::solve(const MatrixXd& b) const { return parts_->lu.solve(b); }
+MatrixXd Lu::solve_transposed(const MatrixXd& b) const { return parts_->lu.transpose().solve(b); }
+double Lu::log_determinant() const {
+  return parts_->lu.matrixLU().diagonal().cwiseAbs().array().log().sum();
+}
+
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b) { return a.ldlt().solve(b); }
 
 MatrixXd inverse_of_symmetric(const MatrixXd& a) {
@@ -110,6 +122,13 @@ bool inverse_of_triangle(const MatrixXd& r, double limit, MatrixXd& inverse) {
     squared += r.col(j).head(j + 1).squaredNorm();
   }
   return std::sqrt(squared) * inverse.norm() < limit;  // NaN and infinity are not
+}
+
+MatrixXd triangle_of(const MatrixXd& rows) {
+  return Eigen::HouseholderQR<MatrixXd>(rows)
+      .matrixQR()
+      .topRows(rows.cols())
+      .triangularView<Eigen::Upper>();
 }
 
 struct Elimination::Parts {

@@ -53,6 +53,19 @@ class Cholesky {
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };
+/// An Lu holds the factorisation of a square matrix, with row pivots.
+class Lu {
+ public:
+  explicit Lu(const MatrixXd& a);
+  ~Lu();
+  MatrixXd solve(const MatrixXd& b) const;
+  MatrixXd solve_transposed(const MatrixXd& b) const;  // a' x = b
+  double log_determinant() const;                      // of |a|
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
 /// Returns x of a x = b for symmetric a, by L D L' with pivoting.
 MatrixXd solve_symmetric(const MatrixXd& a, const MatrixXd& b);
 /// Returns a^-1 for symmetric a, likewise.
@@ -62,6 +75,8 @@ MatrixXd inverse_of_symmetric(const MatrixXd& a);
 /// by rounding counts as 0.
 MatrixXd root_of_covariance(const MatrixXd& c);
 
+/// Returns the upper triangle R of Q R = rows; there are no fewer rows than columns.
+MatrixXd triangle_of(const MatrixXd& rows);
 /// Finds the inverse of an upper triangle (what is below its diagonal is not read) whose condition
 /// is certainly below `limit`: largest over least singular value <= |r| |r^-1| (Frobenius). False
 /// where it is not, or may not be; `inverse` is scratch then.

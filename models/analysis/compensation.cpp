@@ -1,9 +1,9 @@
 #include "compensation.h"
 
-#include <Eigen/Cholesky>
 #include <limits>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
 #include "../rig/configuration.h"
 
 namespace kincal {
@@ -80,8 +80,8 @@ Compensated compensate(const RobotTip& real, const RobotTip& planned, const Read
     const bool square = j.cols() >= rows;
     MatrixXd gram = square ? MatrixXd(j * j.transpose()) : MatrixXd(j.transpose() * j);
     gram.diagonal().array() += kDamping * gram.trace();
-    const VectorXd by = square ? VectorXd(j.transpose() * gram.ldlt().solve(e.head(rows)))
-                               : VectorXd(gram.ldlt().solve(j.transpose() * e.head(rows)));
+    const VectorXd by = square ? VectorXd(j.transpose() * solve_symmetric(gram, e.head(rows)))
+                               : VectorXd(solve_symmetric(gram, j.transpose() * e.head(rows)));
     for (size_t i = 0; i < motion.joints.size(); ++i)
       now[motion.joints[i]] += by(static_cast<Eigen::Index>(i));
   }

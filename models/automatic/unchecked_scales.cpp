@@ -1,7 +1,8 @@
 #include "unchecked_scales.h"
 
-#include <Eigen/Cholesky>
 #include <cmath>
+
+#include "../../solver/decompositions.h"
 
 namespace kincal {
 namespace {
@@ -58,7 +59,7 @@ std::vector<UncheckedScale> unchecked_scales(const Recording& recording, const F
       others(i, i) = 1;
       pull(i) = 0;
     }
-    const VectorXd moved = others.ldlt().solve(pull);
+    const VectorXd moved = solve_symmetric(others, pull);
     if (!(v.dot(problem.normal * (v + moved)) < kSeen)) continue;
     Eigen::Index worst = -1;
     double most = kMatters;

@@ -1,12 +1,12 @@
 #include "design.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <queue>
 
+#include "../../solver/decompositions.h"
 #include "../../solver/observability.h"
 #include "../estimation/estimation.h"
 #include "../rig/configuration.h"
@@ -27,24 +27,19 @@ constexpr int kExchanged = 300;  // candidates that an exchange looks at: the be
 
 /// L of W = L L', without what is nothing.
 MatrixXd root_of(const MatrixXd& weight) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(weight);
-  const VectorXd& values = eigen.eigenvalues();
+  const SymmetricEigen eigen = symmetric_eigen(weight);
+  const VectorXd& values = eigen.values;
   const double largest = values.size() > 0 ? values(values.size() - 1) : 0;
   Index kept = 0;
   while (kept < values.size() && values(values.size() - 1 - kept) > kNoWeight * largest) ++kept;
-  return eigen.eigenvectors().rightCols(kept) * values.tail(kept).cwiseSqrt().asDiagonal();
-}
-
-MatrixXd inverse_of(const MatrixXd& information) {
-  return Eigen::LDLT<MatrixXd>(information)
-      .solve(MatrixXd::Identity(information.rows(), information.cols()));
+  return eigen.vectors.rightCols(kept) * values.tail(kept).cwiseSqrt().asDiagonal();
 }
 
 /// The covariance as postures are added, and what each would gain.
 class Covariance {
  public:
   Covariance(const MatrixXd& information, const MatrixXd& root)
-      : root_(root), c_(inverse_of(information)) {
+      : root_(root), c_(inverse_of_symmetric(information)) {
     through_ = c_ * root_;
   }
   double squared_error() const { return root_.cwiseProduct(through_).sum(); }
@@ -330,11 +325,11 @@ std::vector<double> errors_of(const MatrixXd& known, const std::vector<SampleRow
 
 DesignFloor floor_of(const MatrixXd& known, const MatrixXd& data, const DesignGoal& goal) {
   DesignFloor out;
-  const MatrixXd root = root_of(goal.weight), c = inverse_of(known + kLarge * data);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(root.transpose() * c * root);
-  if (eigen.eigenvalues().size() == 0) return out;
-  out.error = std::sqrt(std::max(0.0, eigen.eigenvalues().sum()));
-  const VectorXd direction = c * root * eigen.eigenvectors().rightCols<1>();
+  const MatrixXd root = root_of(goal.weight), c = inverse_of_symmetric(known + kLarge * data);
+  const SymmetricEigen eigen = symmetric_eigen(root.transpose() * c * root);
+  if (eigen.values.size() == 0) return out;
+  out.error = std::sqrt(std::max(0.0, eigen.values.sum()));
+  const VectorXd direction = c * root * eigen.vectors.rightCols<1>();
   // In units of what is known before.
   const VectorXd scaled = direction.cwiseProduct(known.diagonal().cwiseSqrt());
   const double largest = scaled.cwiseAbs().maxCoeff();

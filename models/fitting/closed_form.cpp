@@ -403,7 +403,7 @@ std::optional<SinglePointPose> two_poses_by_points(const std::vector<PointOfTwo>
   if (seen.size() < 8) return std::nullopt;
   const Matrix3Xd in_y = columns_of(seen);
   const Vector3d mean = in_y.rowwise().mean();
-  const Vector3d spread = (in_y.colwise() - mean).jacobiSvd().singularValues();
+  const Vector3d spread = singular_values(in_y.colwise() - mean).values;
   if (spread(2) < kFlat * spread(0)) return std::nullopt;
   const double size = spread(0) / std::sqrt(static_cast<double>(points.size()));
   Matrix3Xd corner(3, 4);

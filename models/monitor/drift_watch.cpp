@@ -1,12 +1,11 @@
 #include "drift_watch.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 
+#include "../../solver/decompositions.h"
 #include "state_bytes.h"
 
 namespace kincal {
@@ -270,14 +269,13 @@ WholeModel whole_model(const MatrixXd& p, const MatrixXd& n, const VectorXd& b,
   for (size_t i = 0; i < columns.size(); ++i)
     m(columns[i], columns[i]) += width(static_cast<Index>(i)) * width(static_cast<Index>(i));
   const MatrixXd one = MatrixXd::Identity(p.rows(), p.cols());
-  const Eigen::PartialPivLU<MatrixXd> lu(one + m * n);
+  const Lu lu(one + m * n);
   WholeModel out;
   out.covariance = lu.solve(m);
   out.mean = out.covariance * b;
-  out.log_evidence =
-      0.5 * b.dot(out.mean) - 0.5 * lu.matrixLU().diagonal().cwiseAbs().array().log().sum();
+  out.log_evidence = 0.5 * b.dot(out.mean) - 0.5 * lu.log_determinant();
   // The change alone: E x = E W^2 E' (1 + N M)^-1 b.
-  const MatrixXd kept = lu.transpose().solve(one);  // (1 + N M)^-1, for N and M are symmetric
+  const MatrixXd kept = lu.solve_transposed(one);  // (1 + N M)^-1, for N and M are symmetric
   const VectorXd pull = kept * b;
   const MatrixXd lost = kept * n;
   out.change.resize(width.size());

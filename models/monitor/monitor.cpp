@@ -1,15 +1,12 @@
 #include "monitor.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <utility>
 
+#include "../../solver/decompositions.h"
 #include "../estimation/estimation.h"
 #include "../fitting/fit.h"
 #include "../rig/distributions.h"
@@ -49,18 +46,17 @@ struct Equations {
 /// Returns the rows without private unknowns, [J r]: Q' of those that these leave free.
 MatrixXd without_privates(const MatrixXd& rows, int private_size) {
   if (private_size == 0) return rows;
-  const Eigen::ColPivHouseholderQR<MatrixXd> qr(rows.leftCols(private_size));
+  const Elimination privates(rows.leftCols(private_size));
   MatrixXd rest = rows.rightCols(rows.cols() - private_size);
-  rest.applyOnTheLeft(qr.householderQ().adjoint());
-  return rest.bottomRows(rows.rows() - qr.rank());
+  privates.rotate(rest);
+  return rest.bottomRows(rows.rows() - privates.rank());
 }
 
 /// Returns the rows of an upper triangle with the same products, where there are more rows than
 /// that: the last one then is what no column changes.
 MatrixXd compressed(const MatrixXd& rows) {
   if (rows.rows() <= rows.cols()) return rows;
-  const Eigen::HouseholderQR<MatrixXd> qr(rows);
-  return qr.matrixQR().topRows(rows.cols()).triangularView<Eigen::Upper>();
+  return triangle_of(rows);
 }
 
 void check(const Rig& rig, const Sample& sample) {
@@ -341,7 +337,7 @@ Monitor::Parts::Expected Monitor::Parts::expected(const Equations& of, const Mat
   MatrixXd s = seen * test->covariance()(touched, touched) * seen.transpose() +
                privates * privates.transpose();
   s.diagonal().array() += 1;
-  const MatrixXd h = Eigen::LLT<MatrixXd>(s).solve(MatrixXd::Identity(rows.rows(), rows.rows()));
+  const MatrixXd h = inverse_of_symmetric(s);
   const VectorXd u = h * (rows.col(of.private_size + n) + j * test->mean());
   Expected out;
   std::map<int, std::vector<int>> places;
@@ -355,13 +351,13 @@ Monitor::Parts::Expected Monitor::Parts::expected(const Equations& of, const Mat
   }
   for (const auto& [kind, alone] : of.rest) out.noise[kind].add(alone.first, alone.second);
   for (const auto& [sensor, own] : places) {
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> inverse(h(own, own));
-    const VectorXd along = inverse.eigenvectors().transpose() * u(own);
+    const SymmetricEigen inverse = symmetric_eigen(h(own, own));
+    const VectorXd along = inverse.vectors.transpose() * u(own);
     SensorInnovation found;
     found.sensor = sensor;
     for (Index k = 0; k < along.size(); ++k) {
-      if (!(inverse.eigenvalues()(k) > kUnexpected)) continue;
-      found.chi2 += along(k) * along(k) / inverse.eigenvalues()(k);
+      if (!(inverse.values(k) > kUnexpected)) continue;
+      found.chi2 += along(k) * along(k) / inverse.values(k);
       ++found.dof;
     }
     out.sensors.push_back(found);
@@ -553,8 +549,7 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
       pull.noalias() -= all[k].leftCols(n).transpose() * all[k].col(n);
     }
     // The whole change is N(0, prior); this step is what of it is left.
-    const Eigen::PartialPivLU<MatrixXd> lu(MatrixXd::Identity(n, n) + prior * information);
-    const MatrixXd covariance = lu.solve(prior);
+    const MatrixXd covariance = Lu(MatrixXd::Identity(n, n) + prior * information).solve(prior);
     out.state.covariance = 0.5 * (covariance + covariance.transpose());
     const VectorXd step = covariance * (pull + information * change) - change;
     // Of samples that do not fit the better half counts all the same: where some are wrong, the

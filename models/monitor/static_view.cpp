@@ -1,12 +1,12 @@
 #include "static_view.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
 #include <utility>
 
+#include "../../solver/decompositions.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 
@@ -103,7 +103,7 @@ void StaticView::Parts::follow_camera(std::vector<SeenPoint>& seen) const {
       a += of.transpose() * of;
       b += of.transpose() * seen[i].off;
     }
-    camera = a.ldlt().solve(b);
+    camera = solve_symmetric(a, b);
   }
   for (SeenPoint& s : seen) s.outlier = differ(s.point, s.off, homography(s.point) * camera, 2);
 }

@@ -1,10 +1,11 @@
 #include "scale_warnings.h"
 
-#include <Eigen/SVD>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
+#include "../../solver/decompositions.h"
 #include "../rig/configuration.h"
 #include "../rig/distributions.h"
 #include "../rig/geometry.h"
@@ -87,11 +88,11 @@ Scale common_scale(const Places& all) {
   }
   x.colwise() -= x.rowwise().mean().eval();
   y.colwise() -= y.rowwise().mean().eval();
-  const Eigen::JacobiSVD<Matrix3d> svd(y * x.transpose(),
-                                       Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Vector3d signs = Vector3d::Ones();
-  signs(2) = svd.matrixU().determinant() * svd.matrixV().determinant() < 0 ? -1 : 1;
-  const Matrix3d turn = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+  const SingularValues svd =
+      singular_values(y * x.transpose(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Matrix3d u = svd.u, v = svd.v;
+  const Vector3d signs(1, 1, u.determinant() * v.determinant() < 0 ? -1 : 1);
+  const Matrix3d turn = u * signs.asDiagonal() * v.transpose();
   const double spread = x.squaredNorm(), factor = y.cwiseProduct(turn * x).sum() / spread;
   const double left = (y - factor * turn * x).squaredNorm();
   if (!(spread > 0 && factor > 0)) return {};
@@ -129,9 +130,10 @@ void warn_of_scales(const Report& report, Notices& out) {
           "all lengths between sensors and targets came out " +
               text("%.3g times those of the rig (by chance: %.1g %%)", scale.factor,
                    100 * scale.by_chance),
-          std::string("where the squares of ") +
-              (all.targets.size() == 1 ? "target " : "targets ") + joined(all.targets) +
-              text(" are taken %.3g times as large they agree with the rig", 1 / scale.factor) +
+          std::string("if the squares of ") + (all.targets.size() == 1 ? "target " : "targets ") +
+              joined(all.targets) +
+              text(" are assumed %.3g times as large, the lengths agree with the rig",
+                   1 / scale.factor) +
               ": nothing else determines the scale",
           "measure the spacing over many fields and correct the rig; if it is right, correct the "
           "poses"));

@@ -17,6 +17,8 @@
 #include "../fixtures/rigs.h"
 #include "catch2/catch.hpp"
 
+namespace calibrate_camera_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -141,3 +143,5 @@ TEST_CASE("calibrate_camera: real views of a chessboard, as OpenCV", "[calibrate
 TEST_CASE("calibrate_camera: real views of a charuco board, as OpenCV", "[calibrate_camera]") {
   compare_on_data("ros-industrial-charuco/rig.yaml", "ros-industrial-charuco/samples.jsonl");
 }
+
+}  // namespace calibrate_camera_test

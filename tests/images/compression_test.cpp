@@ -11,6 +11,8 @@
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
+namespace compression_test {
+
 using namespace kincal;
 
 namespace {
@@ -103,3 +105,5 @@ TEST_CASE("images: what is cut off, or no JPEG, has no steps") {
   lying[5] = 1;  // less than the length itself takes
   CHECK(!compression_of(lying).any());
 }
+
+}  // namespace compression_test

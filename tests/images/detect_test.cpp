@@ -17,6 +17,8 @@
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
+namespace detect_test {
+
 using namespace kincal;
 using namespace fixtures;
 
@@ -813,3 +815,5 @@ TEST_CASE("images: table of speed", "[.speed]") {
     std::fflush(stdout);
   }
 }
+
+}  // namespace detect_test

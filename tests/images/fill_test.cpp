@@ -16,6 +16,8 @@
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
+namespace fill_test {
+
 using namespace kincal;
 using namespace fixtures;
 
@@ -158,3 +160,5 @@ TEST_CASE("images: turns that EXIF asks for are named and counted, and not done"
           return note.find("2 of 3 images: each asks to be turned (EXIF)") == 0;
         }) == 1);
 }
+
+}  // namespace fill_test

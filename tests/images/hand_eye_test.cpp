@@ -10,6 +10,8 @@
 #include "../fixtures/flange.h"
 #include "opencv_hand_eye.h"
 
+namespace hand_eye_test {
+
 using namespace kincal;
 
 namespace {
@@ -59,3 +61,5 @@ TEST_CASE("hand-eye from flange poses: at least as near as OpenCV's best method"
     CHECK(median_of(radians["kincal"]) <= share * best_radians);
   }
 }
+
+}  // namespace hand_eye_test

@@ -10,6 +10,8 @@
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
+namespace load_test {
+
 using namespace kincal;
 
 namespace {
@@ -109,3 +111,5 @@ TEST_CASE("images: what is no usable image is an error in words") {
   CHECK(load_image(folder.write("whole.png", png), 64, 48).error ==
         "has 60 x 40 pixels, the rig's image_size is 64 x 48");
 }
+
+}  // namespace load_test

@@ -5,6 +5,8 @@
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
+namespace plane_view_test {
+
 using namespace kincal;
 using namespace fixtures;
 
@@ -40,3 +42,5 @@ TEST_CASE("images: the view of a plane is a homography and two radial numbers") 
   CHECK(fit_plane_view({line.begin(), line.begin() + 3}, {line.begin(), line.begin() + 3}, size)
             .rms == 1e9);
 }
+
+}  // namespace plane_view_test

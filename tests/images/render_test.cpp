@@ -11,6 +11,8 @@
 #include "../fixtures/render.h"
 #include "catch2/catch.hpp"
 
+namespace render_test {
+
 using namespace kincal;
 
 namespace {
@@ -144,3 +146,5 @@ TEST_CASE("render: corners get darker, noise is as asked for and the same for th
   CHECK(cv::norm(one, take_picture(rays, {sheet_at(white, 1)}, noisy, RandomStream(4)),
                  cv::NORM_INF) > 0);
 }
+
+}  // namespace render_test

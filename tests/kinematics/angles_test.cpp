@@ -8,6 +8,8 @@
 #include "../../kinematics/angles.h"
 #include "../fixtures/random.h"
 
+namespace angles_test {
+
 using namespace kincal;
 using Eigen::AngleAxisd;
 
@@ -55,3 +57,5 @@ TEST_CASE("angles: each convention is that of elementary turns, and is inverted"
               .norm() < 1e-15);
   }
 }
+
+}  // namespace angles_test

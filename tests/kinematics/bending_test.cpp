@@ -12,6 +12,8 @@
 
 #include "../fixtures/random.h"
 
+namespace bending_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -225,3 +227,5 @@ TEST_CASE("bending: springs that give way have no equilibrium") {
   BentPosture at = robot.posture();
   CHECK_FALSE(bend(robot.skeleton, at));
 }
+
+}  // namespace bending_test

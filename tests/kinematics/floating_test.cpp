@@ -10,6 +10,8 @@
 
 #include "../../kinematics/floating.h"
 
+namespace floating_test {
+
 using namespace kincal;
 
 namespace {
@@ -107,3 +109,5 @@ TEST_CASE("floating joints: names, indices, what reads, and whose noise is the s
   CHECK(same_noise(tree, 1) == std::vector<int>{1});
   CHECK(usual_range(tree.joints[8]) == std::make_pair(0.0, 0.0));
 }
+
+}  // namespace floating_test

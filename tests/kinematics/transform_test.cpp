@@ -11,6 +11,8 @@
 
 #include "../../kinematics/transform.h"
 
+namespace transform_test {
+
 using namespace kincal;
 
 namespace {
@@ -277,3 +279,5 @@ TEST_CASE("quaternions give the rotation back in all four branches") {
   for (int i = 0; i < 500; ++i) check(random.rotation());
   for (int count : branch_seen) CHECK(count > 10);
 }
+
+}  // namespace transform_test

@@ -12,6 +12,8 @@
 
 #include "../../kinematics/tree.h"
 
+namespace tree_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 
@@ -375,3 +377,5 @@ TEST_CASE("malformed structures are refused by name") {
     CHECK_THROWS_WITH(finish_tree(tree), Contains("mimics itself"));
   }
 }
+
+}  // namespace tree_test

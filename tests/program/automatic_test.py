@@ -178,7 +178,7 @@ class Init(Program):
         self.assertEqual(len(warned), 1)
         self.assertIn("worse than its mounts alone: sensor 'tracker'", warned[0])
         self.assertIn("leave groups out (--no-group), and look for mistakes (kincal check)", warned[0])
-        self.assertIn("held_out: on data", out)
+        self.assertIn("held_out: on held-out data", out)
         _, found, warned = result("--no-group", "*", code=5)  # the readings were wrong
         self.assertIsNone(found)  # that is the mounts alone
         self.assertEqual(warned, [])

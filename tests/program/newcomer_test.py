@@ -498,7 +498,7 @@ class Words(Case):
         p = subprocess.run([KINCAL, "calibrate", "open.yaml", "samples.jsonl", "--fix", "sensor/cam/pose.x", "--out", "held", "--force", "--quiet"],
                            capture_output=True, text=True, cwd=self.dir)
         self.assertNotEqual(p.returncode, 0)
-        self.assertIn("sensor/cam/pose is missing in the rig, and one of its coordinates is fixed, or it has a prior: the prior or the fixed value refers to the identity", p.stdout + p.stderr)
+        self.assertIn("sensor/cam/pose is missing in the rig, and one of its coordinates is fixed, or it has a prior: the fixed value or the prior is that of the identity", p.stdout + p.stderr)
         for word in ("mirrored", "joint-sign", "wrong-link"):
             self.assertNotIn(word, p.stdout + p.stderr)
 
@@ -511,7 +511,7 @@ class Words(Case):
         self.write("open.yaml", CAMERA)
         result, text = self.calibrate(samples, "--fix", "target/board/pose.z", rig="open.yaml")
         found, = self.warnings(result, "identity")
-        self.assertIn("target/board/pose is missing in the rig, and its z is fixed: the prior or the fixed value refers to the identity", found)
+        self.assertIn("target/board/pose is missing in the rig, and its z is fixed: the fixed value or the prior is that of the identity", found)
         self.assertIn("give it a pose in the rig", found)
         self.assertEqual(result["verdict"]["use"], "doubts")
         self.assertIn("give it a pose in the rig", result["verdict"]["text"])

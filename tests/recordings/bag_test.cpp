@@ -23,6 +23,8 @@
 #include "../../io/recordings/written_messages.h"
 #include "bag_writer.h"
 
+namespace bag_test {
+
 using namespace kincal;
 using namespace kincal::test;
 
@@ -640,3 +642,5 @@ TEST_CASE("bags: what is written of the usual messages is read again", "[bags][w
     }
   }
 }
+
+}  // namespace bag_test

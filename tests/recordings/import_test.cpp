@@ -34,6 +34,8 @@
 #include "../../models/rig/random_stream.h"
 #include "../fixtures/example.h"
 
+namespace import_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -255,7 +257,7 @@ TEST_CASE("import: joints that are missing, by name") {
   forget(streams, {7, 100}, "b");
   const RecordedSamples found = import_recordings({}, whole, streams, nullptr, ImportOptions());
   REQUIRE(found.notes.size() == 1);
-  CHECK(found.notes[0].find("joint 'b' has no readings for 7.0 s from 7.0 s on") == 0);
+  CHECK(found.notes[0].find("joint 'b' has no readings for 7.0 s, starting at 7.0 s") == 0);
   std::string lines;
   for (const std::string& line : found.lines) lines += line + "\n";
   CHECK(lines.find("left out, joint 'b' has no reading then: 2 of 5 rests: rest_0004") !=
@@ -817,3 +819,5 @@ TEST_CASE("import: which hand holds the board") {
   CHECK(held == 60);
   CHECK(right == static_cast<int>(lab.samples.size()));
 }
+
+}  // namespace import_test

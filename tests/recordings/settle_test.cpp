@@ -14,6 +14,8 @@
 #include "../../io/recordings/settled_view.h"
 #include "../../models/rig/random_stream.h"
 
+namespace settle_test {
+
 using namespace kincal;
 
 namespace {
@@ -275,3 +277,5 @@ TEST_CASE("settle: averaged corners have the sigma that they state") {
   }
   CHECK(squares / static_cast<double>(count) == Approx(1.0).margin(0.06));  // 8000: 99.9 %: 0.052
 }
+
+}  // namespace settle_test

@@ -19,6 +19,8 @@
 #include "../fixtures/sweeps.h"
 #include "catch2/catch.hpp"
 
+namespace sweep_test {
+
 using namespace fixtures;
 
 namespace {
@@ -426,3 +428,5 @@ TEST_CASE("cloud: a reflector") {
   dark.intensities.clear();
   CHECK(find_in_cloud(bench.rig, 1, 0, dark).reason == "the cloud has no intensities");
 }
+
+}  // namespace sweep_test

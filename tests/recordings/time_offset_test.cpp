@@ -22,6 +22,8 @@
 #include "../../models/simulation/journey.h"
 #include "../fixtures/example.h"
 
+namespace time_offset_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -325,3 +327,5 @@ TEST_CASE("time offset: honest where the target was moved in between") {
   }
   WARN(known << " of 36 known");
 }
+
+}  // namespace time_offset_test

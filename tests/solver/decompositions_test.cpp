@@ -18,6 +18,8 @@
 #include "../../solver/observability.h"
 #include "../fixtures/random.h"
 
+namespace decompositions_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -234,3 +236,5 @@ TEST_CASE("eliminate: what is left of the shared columns, by rank of the private
       CHECK(largest(left.transpose() * left - rest.transpose() * rest) < 1e-12);
     }
 }
+
+}  // namespace decompositions_test

@@ -4,6 +4,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+namespace fixed_point_test {
+
 namespace {
 
 using Eigen::MatrixXd;
@@ -52,3 +54,5 @@ TEST_CASE("A constant map's place is reached in one step, and kept") {
 }
 
 }  // namespace
+
+}  // namespace fixed_point_test

@@ -15,6 +15,8 @@
 #include "../../solver/observability.h"
 #include "../fixtures/random.h"
 
+namespace held_gauges_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -240,3 +242,5 @@ TEST_CASE("held gauges: many at once, with columns that nothing depends on") {
     CHECK(std::sqrt(held.covariance(c, c)) == Approx(1e3 * (c - 14)).epsilon(1e-6));
   CHECK(held.decided_by_priors == Approx(30).epsilon(1e-4));
 }
+
+}  // namespace held_gauges_test

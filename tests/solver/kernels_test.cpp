@@ -11,6 +11,8 @@
 
 #include "../../solver/kernels.h"
 
+namespace kernels_test {
+
 using namespace kincal;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -304,3 +306,5 @@ TEST_CASE("kernels: subtract_products_9x9") {
       CHECK((g - expected_g).cwiseAbs().maxCoeff() < 1e-13);
     }
 }
+
+}  // namespace kernels_test

@@ -19,6 +19,8 @@
 #include "../../solver/threads.h"
 #include "../fixtures/random.h"
 
+namespace reduced_system_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -348,3 +350,5 @@ TEST_CASE("reduced system: a crew factors a large dense system to the same bits"
     }
   }
 }
+
+}  // namespace reduced_system_test

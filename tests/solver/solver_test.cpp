@@ -29,6 +29,8 @@
 #include "../fixtures/stacked.h"
 #include "../fixtures/transforms.h"
 
+namespace solver_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -1320,3 +1322,5 @@ TEST_CASE("levenberg-marquardt: a problem that has nothing to do with robots") {
   CHECK(o.rows == 45);
   CHECK(o.rank == 10);
 }
+
+}  // namespace solver_test

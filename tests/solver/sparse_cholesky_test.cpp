@@ -9,6 +9,8 @@
 
 #include "../../solver/sparse_cholesky.h"
 
+namespace sparse_cholesky_test {
+
 using namespace kincal;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
@@ -137,3 +139,5 @@ TEST_CASE("sparse Cholesky: what is not positive definite is refused, what is no
     }
   CHECK(sparse.factor(pattern.values(good).data()));
 }
+
+}  // namespace sparse_cholesky_test

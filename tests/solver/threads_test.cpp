@@ -17,6 +17,8 @@
 #include "../../solver/threads.h"
 #include "../fixtures/problem.h"
 
+namespace threads_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -226,3 +228,5 @@ TEST_CASE("threads: a robot with every type of sensor, the same bits") {
             choice);
       }
 }
+
+}  // namespace threads_test

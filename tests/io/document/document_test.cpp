@@ -15,6 +15,8 @@
 #include <functional>
 #include <random>
 
+namespace document_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 using kincal::fixture::DecimalComma;
@@ -624,3 +626,5 @@ TEST_CASE("files that cannot be read say why", "[document]") {
              Contains("no/such/file.yaml: cannot be read: No such file"));
   CHECK_THAT(error_of([] { read_file("."); }), Contains(".: cannot be read: is a directory"));
 }
+
+}  // namespace document_test

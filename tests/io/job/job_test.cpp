@@ -10,6 +10,8 @@
 #include "../../../io/job/check.h"
 #include "../../../io/job/job.h"
 
+namespace job_test {
+
 using namespace kincal;
 
 namespace {
@@ -121,3 +123,5 @@ TEST_CASE("a job that is cancelled ends there") {
   options.progress = third;
   CHECK_THROWS_AS(check_samples(rig, samples, options, Words::keywords), Cancelled);
 }
+
+}  // namespace job_test

@@ -12,6 +12,8 @@
 #include "../../../io/job/settings.h"
 #include "../../../io/results/read_calibrated.h"
 
+namespace settings_test {
+
 using namespace kincal;
 
 namespace {
@@ -113,3 +115,5 @@ TEST_CASE("what cannot be compensated leaves the readings as they are") {
   REQUIRE(found[0].readings.size() == rig.file.rig.tree.joints.size());
   CHECK(found[0].readings[rig.file.rig.tree.find_joint(postures.joints[0])] == 1e300);
 }
+
+}  // namespace settings_test

@@ -14,6 +14,8 @@
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/study.h"
 
+namespace held_poses_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -83,3 +85,5 @@ TEST_CASE("held poses: the cameras of a rectified pair have theirs in the rig th
   CHECK(same.chi2 < 1.3 * static_cast<double>(same.dof));
   CHECK(another.chi2 > 3 * static_cast<double>(another.dof));  // 5 mm, mostly along the view
 }
+
+}  // namespace held_poses_test

@@ -25,6 +25,8 @@
 #include "../../fixtures/quadratic_joint.h"
 #include "../../fixtures/study.h"
 
+namespace joint_model_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -196,3 +198,5 @@ TEST_CASE(
                       sentences(finding).find("joint/elbow/bend") != std::string::npos);
   CHECK(named);
 }
+
+}  // namespace joint_model_test

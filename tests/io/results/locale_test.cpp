@@ -13,6 +13,8 @@
 #include "../../fixtures/decimal_comma.h"
 #include "../../fixtures/study.h"
 
+namespace locale_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 namespace fs = std::filesystem;
@@ -88,3 +90,5 @@ TEST_CASE("locale: a decimal comma of a host program is in no file and no messag
   }
   fs::remove_all(folder);
 }
+
+}  // namespace locale_test

@@ -23,6 +23,8 @@
 #include <functional>
 #include <locale>
 
+namespace rig_file_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 namespace fs = std::filesystem;
@@ -1205,3 +1207,5 @@ TEST_CASE("rig: mistakes with floating joints are named") {
   CHECK_THAT(sample(""), Contains("needs joint 'flange'"));
   CHECK_THAT(sample(R"("flange.x": 1)"), Contains("needs joint 'flange'"));
 }
+
+}  // namespace rig_file_test

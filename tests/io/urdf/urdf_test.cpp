@@ -23,6 +23,8 @@
 #include "../../../io/urdf/urdf.h"
 #include "../../../kinematics/tree.h"
 
+namespace urdf_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 using Catch::Matchers::StartsWith;
@@ -722,3 +724,5 @@ TEST_CASE("real robots load or fail as they must, keep their bytes, and carry fo
     }
   }
 }
+
+}  // namespace urdf_test

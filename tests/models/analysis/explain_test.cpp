@@ -12,6 +12,8 @@
 #include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
+namespace explain_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -258,3 +260,5 @@ TEST_CASE("explain: what a prior decides, and strong correlations from the data 
   CHECK(std::isnan(r.explanation.weak[0].sigma));
   CHECK(r.explanation.weak[0].sigma_with_priors == Approx(0.01).epsilon(0.05));
 }
+
+}  // namespace explain_test

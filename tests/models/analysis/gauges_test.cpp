@@ -13,6 +13,8 @@
 
 #include "../../fixtures/rigs.h"
 
+namespace gauges_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -132,3 +134,5 @@ TEST_CASE("gauges: what everything measured stands behind") {
   CHECK(common_body(plain.rig) == plain.rig.base);
   CHECK(torso.rig.tree.links[common_body(torso.rig)] == "stand");
 }
+
+}  // namespace gauges_test

@@ -18,6 +18,8 @@
 
 #include "../../fixtures/random.h"
 
+namespace leverage_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -256,3 +258,5 @@ TEST_CASE(
     CHECK(std::isfinite(f.sigmas));
   }
 }
+
+}  // namespace leverage_test

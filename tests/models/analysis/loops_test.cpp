@@ -19,6 +19,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
+namespace loops_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -376,3 +378,5 @@ TEST_CASE("loops: a point behind the camera makes the figure unknown, who never 
   }
   CHECK(unknown >= 3);
 }
+
+}  // namespace loops_test

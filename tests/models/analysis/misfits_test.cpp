@@ -18,6 +18,8 @@
 #include "../../fixtures/study.h"
 #include "../../fixtures/three_points.h"
 
+namespace misfits_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -126,3 +128,5 @@ TEST_CASE("misfits: views of which a free target takes up the noise make no outl
   }
   CHECK(named == 0);
 }
+
+}  // namespace misfits_test

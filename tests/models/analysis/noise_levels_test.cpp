@@ -16,6 +16,8 @@
 #include "../../fixtures/stacked.h"
 #include "../../fixtures/study.h"
 
+namespace noise_levels_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -281,3 +283,5 @@ TEST_CASE("noise levels: the robust ratios of joints") {
           std::vector<double>(2, 1.0));
   }
 }
+
+}  // namespace noise_levels_test

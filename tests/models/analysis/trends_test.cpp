@@ -10,6 +10,8 @@
 #include "../../../models/analysis/trends.h"
 #include "../../fixtures/flange.h"
 
+namespace trends_test {
+
 using namespace kincal;
 using Eigen::Isometry3d;
 using Eigen::Vector3d;
@@ -82,3 +84,5 @@ TEST_CASE("jumps: a flange that says otherwise from some sample on") {
     CHECK(found[0].sample == 12);
   }
 }
+
+}  // namespace trends_test

@@ -30,6 +30,8 @@
 #include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
+namespace validation_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -726,3 +728,5 @@ TEST_CASE("evaluate: a pose that the rig leaves open is estimated in each split"
   CHECK(open.chi2 == Approx(given.chi2).epsilon(1e-6));
   CHECK(open.dof == given.dof);
 }
+
+}  // namespace validation_test

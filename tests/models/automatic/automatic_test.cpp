@@ -22,6 +22,8 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 
+namespace automatic_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -479,3 +481,5 @@ TEST_CASE("automatic: the order of samples does not matter") {
     }
   }
 }
+
+}  // namespace automatic_test

@@ -19,6 +19,8 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 
+namespace groups_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -597,3 +599,5 @@ TEST_CASE("groups: numbers that the rig's priors name have their own widths") {
   CHECK_THROWS_WITH(make_groups(Recording(rig, seen(rig)), {}),
                     StartsWith("rig.yaml:3: priors: 'joint/nobody/offset'"));
 }
+
+}  // namespace groups_test

@@ -9,6 +9,8 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+namespace other_models_test {
+
 using namespace kincal;
 
 namespace {
@@ -49,3 +51,5 @@ TEST_CASE("other models: probabilities and prior odds") {
   CHECK(other_gears(10).log_odds == Approx(10 - std::log(100)));
   CHECK(other_gears(10).value == 10);
 }
+
+}  // namespace other_models_test

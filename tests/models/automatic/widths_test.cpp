@@ -21,6 +21,8 @@
 
 #include "../../fixtures/random.h"
 
+namespace widths_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -485,3 +487,5 @@ TEST_CASE("widths: one that is known stays as it is, and its group is not judged
   CHECK(selection.gain(1) < kEvidence);
   CHECK(selection.inflation(1) == 1);
 }
+
+}  // namespace widths_test

@@ -27,6 +27,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
+namespace bundle_adjustment_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -674,3 +676,5 @@ TEST_CASE("bundle adjustment: points whose depth nobody knows do no harm") {
     CHECK(cost[0] == Approx(cost[1]).epsilon(1e-7));
   }
 }
+
+}  // namespace bundle_adjustment_test

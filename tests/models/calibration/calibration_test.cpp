@@ -24,6 +24,8 @@
 #include "../../fixtures/transforms.h"
 #include "../../fixtures/two_joints.h"
 
+namespace calibration_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -424,3 +426,5 @@ TEST_CASE("calibration: a cancellation is a status") {
   calls = 0;
   CHECK(calibration.solve().status == Status::converged);
 }
+
+}  // namespace calibration_test

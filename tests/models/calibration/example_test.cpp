@@ -19,6 +19,8 @@
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/study.h"
 
+namespace example_test {
+
 using namespace kincal;
 
 namespace {
@@ -413,3 +415,5 @@ TEST_CASE("example: absent sensor poses up to 180 degrees and 1 m away are found
     }
   }
 }
+
+}  // namespace example_test

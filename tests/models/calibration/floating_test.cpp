@@ -11,6 +11,8 @@
 #include "../../../kinematics/floating.h"
 #include "../../fixtures/flange.h"
 
+namespace floating_test {
+
 using namespace kincal;
 using Cell = fixture::FlangeCell;
 using Truth = fixture::FlangeTruth;
@@ -83,3 +85,5 @@ TEST_CASE(
     input.samples[i].readings = input.samples[i / 2 * 2].readings;
   CHECK(has(fixture::study_of(input.rig, input.samples), "repeated"));
 }
+
+}  // namespace floating_test

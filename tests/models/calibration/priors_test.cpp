@@ -18,6 +18,8 @@
 #include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
+namespace priors_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -150,3 +152,5 @@ TEST_CASE("priors: a repeated solve has chi2 of the data anew") {
   CHECK(again.chi2_data == Approx(fresh.chi2_data).epsilon(1e-6));
   CHECK(again.dof_data == Approx(fresh.dof_data).epsilon(1e-6));
 }
+
+}  // namespace priors_test

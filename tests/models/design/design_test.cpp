@@ -23,6 +23,8 @@
 #include "../../fixtures/transforms.h"
 #include "../../fixtures/two_joints.h"
 
+namespace design_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -284,3 +286,5 @@ TEST_CASE("clearance: boxes that share a point are near, boxes with a gap are no
   CHECK(near > 500);
   CHECK(near < 1900);
 }
+
+}  // namespace design_test

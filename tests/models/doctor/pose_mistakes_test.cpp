@@ -10,6 +10,8 @@
 #include "../../../models/doctor/plausibility.h"
 #include "../../fixtures/flange.h"
 
+namespace pose_mistakes_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 using Eigen::Isometry3d;
@@ -208,3 +210,5 @@ TEST_CASE("doctor: flange angles in degrees are refused where they are read") {
   CHECK_THROWS_WITH(fixture::read(truth, 12, degrees),
                     Contains("joints.flange.rpy") && Contains("radians are expected"));
 }
+
+}  // namespace pose_mistakes_test

@@ -28,6 +28,8 @@
 #include "../../fixtures/stacked.h"
 #include "../../fixtures/transforms.h"
 
+namespace estimation_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -1096,3 +1098,5 @@ TEST_CASE("samples apart share nothing that is estimated") {
   setup.free = s.whole();
   CHECK_THROWS_AS(Estimation(s, s.training(), setup), std::logic_error);
 }
+
+}  // namespace estimation_test

@@ -20,6 +20,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
+namespace warm_start_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -187,3 +189,5 @@ TEST_CASE("warm start: after solves that came to nothing") {
   solver.solve(state);
   compare_now();
 }
+
+}  // namespace warm_start_test

@@ -24,6 +24,8 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
 
+namespace evidence_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -300,3 +302,5 @@ TEST_CASE("evidence: a bent board") {
   CHECK(bent < 1000);
   CHECK(*std::max_element(others.begin(), others.end()) < 5);
 }
+
+}  // namespace evidence_test

@@ -18,6 +18,8 @@
 #include "../../../models/evidence/evidence.h"
 #include "../../../models/rig/random_stream.h"
 
+namespace linear_model_test {
+
 using namespace kincal;
 
 namespace {
@@ -277,3 +279,5 @@ TEST_CASE("evidence: probabilities of alternatives and of their kinds") {
   CHECK(p.of_model[1] == Approx(1.5 / sum));
   CHECK(p.of_kind.at(1) == Approx((1.5 + std::exp(-1.0)) / sum));
 }
+
+}  // namespace linear_model_test

@@ -11,6 +11,8 @@
 #include "../../fixtures/random.h"
 #include "../../fixtures/transforms.h"
 
+namespace rotation_minima_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -89,3 +91,5 @@ TEST_CASE(
   const std::vector<Matrix3d> all(5, Matrix3d::Identity());
   CHECK(rotation_minima(form(line, line, all))[0].directions == 2);
 }
+
+}  // namespace rotation_minima_test

@@ -29,6 +29,8 @@
 #include "../../fixtures/three_points.h"
 #include "../../fixtures/transforms.h"
 
+namespace starts_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Eigen::Matrix3Xd;
@@ -1080,7 +1082,7 @@ TEST_CASE("starts: a sensor whose views tell no pose is said to be the reason") 
   CHECK(solution.status == Status::undefined_start);
   CHECK_THAT(solution.message,
              Catch::Matchers::Contains(
-                 "target 'board': what sees it (height) does not determine its pose"));
+                 "target 'board': the sensors that see it (height) do not determine its pose"));
 }
 
 TEST_CASE(
@@ -1328,3 +1330,5 @@ TEST_CASE("calibration: poses half a turn off are no place to stay") {
     CHECK(wrong.solution.chi2 == Approx(right.solution.chi2).epsilon(1e-6));
   }
 }
+
+}  // namespace starts_test

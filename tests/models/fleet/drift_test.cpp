@@ -15,6 +15,8 @@
 
 #include "../../../models/rig/random_stream.h"
 
+namespace drift_test {
+
 using namespace kincal;
 
 namespace {
@@ -161,3 +163,5 @@ TEST_CASE("drift: two results have a difference, one has nothing, and equal time
   CHECK(find_drift({two[0]}, {50}, kScale, 0.01).numbers.empty());
   CHECK(find_drift(two, {50, 50}, kScale, 0.01).causes.empty());
 }
+
+}  // namespace drift_test

@@ -15,6 +15,8 @@
 
 #include "../../../models/rig/random_stream.h"
 
+namespace family_test {
+
 using namespace kincal;
 
 namespace {
@@ -181,3 +183,5 @@ TEST_CASE("fleet: few robots are not judged") {
   const MadeFleet fleet = make_fleet(draws, kFewestRobots - 1, {});
   CHECK_FALSE(judge_family(fleet.robots, fleet.scale).judged);
 }
+
+}  // namespace family_test

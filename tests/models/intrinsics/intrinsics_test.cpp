@@ -19,6 +19,8 @@
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 
+namespace intrinsics_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -490,3 +492,5 @@ TEST_CASE("intrinsics: views of another lens, and turned pictures, are named", "
     CHECK(worst < (one.fewest == 20 || !mixed ? 4 : 9));
   }
 }
+
+}  // namespace intrinsics_test

@@ -18,6 +18,8 @@
 #include "../../fixtures/stacked.h"
 #include "../../fixtures/study.h"
 
+namespace curve_joint_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -129,3 +131,5 @@ TEST_CASE("curve joint: every derivative of an estimation") {
   CHECK(touched > 10);
   CHECK(touched < 2 * CurveJoint::kValues);  // most angles were not visited
 }
+
+}  // namespace curve_joint_test

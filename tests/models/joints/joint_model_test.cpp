@@ -30,6 +30,8 @@
 #include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
+namespace joint_model_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -352,3 +354,5 @@ TEST_CASE("joint models: a calibration finds a planted bend, and does not fit wi
       CHECK(found == planted.size());
     }
 }
+
+}  // namespace joint_model_test

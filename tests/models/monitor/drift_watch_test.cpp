@@ -14,6 +14,8 @@
 #include <cmath>
 #include <random>
 
+namespace drift_watch_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 
@@ -198,3 +200,5 @@ TEST_CASE("drift watch: sizes that do not fit") {
   CHECK_THROWS_WITH(DriftWatch(MatrixXd::Ones(3, 2), {}, 100, 2), Contains("not square"));
   CHECK_THROWS_WITH(DriftWatch(MatrixXd::Constant(3, 3, NAN), {}, 100, 2), Contains("not finite"));
 }
+
+}  // namespace drift_watch_test

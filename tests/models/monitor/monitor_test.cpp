@@ -24,6 +24,8 @@
 #include "../../fixtures/transforms.h"
 #include "../../fixtures/two_joints.h"
 
+namespace monitor_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -342,3 +344,5 @@ TEST_CASE("monitor: recalibration by a window") {
     for (const int c : group.columns) CHECK(done.undetermined[c]);
   CHECK_THROWS_WITH(monitor.recalibrated({}, {99}), Contains("groups: there is no such group"));
 }
+
+}  // namespace monitor_test

@@ -14,6 +14,8 @@
 
 #include "../../fixtures/random.h"
 
+namespace static_view_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 using Eigen::Matrix2Xd;
@@ -149,3 +151,5 @@ TEST_CASE("static view: wrong input is refused and changes nothing") {
   CHECK(view.samples() == 0);
   CHECK(view.moved().empty());
 }
+
+}  // namespace static_view_test

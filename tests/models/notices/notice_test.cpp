@@ -8,6 +8,8 @@
 #include <catch2/catch.hpp>
 #include <set>
 
+namespace notice_test {
+
 using namespace kincal;
 
 namespace {
@@ -73,3 +75,5 @@ TEST_CASE("notices: sentences of a mistake and of a warning") {
   CHECK(capital("no posture tells it") == "No posture tells it");
   CHECK(names_of(subjects(Subject::Kind::joint, {"b", "a"})) == std::vector<std::string>{"b", "a"});
 }
+
+}  // namespace notice_test

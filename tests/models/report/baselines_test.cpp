@@ -22,6 +22,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/study.h"
 
+namespace baselines_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -201,3 +203,5 @@ TEST_CASE("readings that are wrong in training alone: worse than the mounts, and
       CHECK(sentences(w).find("Too many parameters are estimated") != std::string::npos);
     }
 }
+
+}  // namespace baselines_test

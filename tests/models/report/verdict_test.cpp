@@ -13,6 +13,8 @@
 #include "../../../models/report/warnings.h"
 #include "../../fixtures/rigs.h"
 
+namespace verdict_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -231,3 +233,5 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   report.diagnosis->findings[0].severity = Severity::doubt;  // much of the data
   CHECK(judged(report).about == std::vector<NoticeKind>{NoticeKind::same_samples});
 }
+
+}  // namespace verdict_test

@@ -20,6 +20,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
+namespace configuration_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -214,3 +216,5 @@ TEST_CASE("configuration: nothing goes through a floating joint") {
       std::invalid_argument);
   CHECK_THROWS_AS(joints_between(rig, rig.base, link_index(rig, "away")), std::invalid_argument);
 }
+
+}  // namespace configuration_test

@@ -9,6 +9,8 @@
 #include <catch2/catch.hpp>
 #include <vector>
 
+namespace distributions_test {
+
 using namespace kincal;
 
 namespace {
@@ -116,3 +118,5 @@ TEST_CASE("distributions: values as those of a standard normal variable") {
   CHECK(student_deviate(-2.228138851964939, 10) == nearly(-student_deviate(2.228138851964939, 10)));
   CHECK(std::abs(student_deviate(0, 4)) < kDigits);
 }
+
+}  // namespace distributions_test

@@ -20,6 +20,8 @@
 #include "../../fixtures/stacked.h"
 #include "../../fixtures/study.h"
 
+namespace elasticity_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -148,3 +150,5 @@ TEST_CASE("elasticity: every derivative of a frame") {
     }
   }
 }
+
+}  // namespace elasticity_test

@@ -12,6 +12,8 @@
 
 #include "../../fixtures/rigs.h"
 
+namespace folds_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -169,3 +171,5 @@ TEST_CASE("folds: a joint's only samples are never held out") {
   }
   CHECK(deal_folds(rig, samples, 3).held_out(-1) == std::vector<std::string>{"s2_12"});
 }
+
+}  // namespace folds_test

@@ -16,6 +16,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
+namespace geometry_test {
+
 using namespace kincal;
 using fixture::add_joint;
 using fixture::add_link;
@@ -261,3 +263,5 @@ TEST_CASE("geometry: as the name of parameters") {
   CHECK(message("geometry/l6..tool").find("here: 'geometry/l6..tool' has no number of its own") ==
         0);
 }
+
+}  // namespace geometry_test

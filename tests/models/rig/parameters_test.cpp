@@ -8,6 +8,8 @@
 
 #include "../../fixtures/rigs.h"
 
+namespace parameters_test {
+
 using namespace kincal;
 
 TEST_CASE("parameters: a name means itself, a glob what fnmatch says of each name") {
@@ -58,3 +60,5 @@ TEST_CASE("parameters: a name means itself, a glob what fnmatch says of each nam
     CHECK(found == expected);
   }
 }
+
+}  // namespace parameters_test

@@ -13,6 +13,8 @@
 #include "../../../models/estimation/estimation.h"
 #include "../../fixtures/problem.h"
 
+namespace recording_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -61,3 +63,5 @@ TEST_CASE("recording: what is shared lives as long as who shares it") {
   CHECK(kept.rig.sensors.size() == s.rig.sensors.size());
   CHECK(kept.samples[2].readings[1] == s.samples[2].readings[1]);
 }
+
+}  // namespace recording_test

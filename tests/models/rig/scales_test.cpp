@@ -16,6 +16,8 @@
 #include "../../fixtures/quadratic_joint.h"
 #include "../../fixtures/rigs.h"
 
+namespace scales_test {
+
 using namespace kincal;
 using K = ParameterKind;
 
@@ -116,3 +118,5 @@ TEST_CASE("scales: shares count from the value, of a lens from fx; joint models 
       CHECK(scales(table, {p, c}, table.initial).yardstick == Approx(0.01 * fx));
   }
 }
+
+}  // namespace scales_test

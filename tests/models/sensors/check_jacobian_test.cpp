@@ -10,6 +10,8 @@
 
 #include "../../../models/sensors/sensors.h"
 
+namespace check_jacobian_test {
+
 using namespace kincal;
 
 namespace {
@@ -115,3 +117,5 @@ TEST_CASE("check_jacobian finds wrong derivatives") {
   behind.sensor_T_target.translation.z() = -2;
   CHECK(std::isinf(check_jacobian(PointwiseSensor<Range>(), behind, 1)));
 }
+
+}  // namespace check_jacobian_test

@@ -19,6 +19,8 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/transforms.h"
 
+namespace sensors_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -797,3 +799,5 @@ TEST_CASE("a sensor of one's own through the adapter") {
   VectorXd r(4);
   CHECK_FALSE(s.model->evaluate(s.input(), Columns(), r.data(), nullptr));
 }
+
+}  // namespace sensors_test

@@ -19,6 +19,8 @@
 #include "../../../solver/kernels.h"
 #include "../../fixtures/random.h"
 
+namespace view_kernels_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Eigen::VectorXd;
@@ -411,3 +413,5 @@ TEST_CASE("view kernels: those in use are of the instruction set in use, and sen
   CHECK(make_camera(Lens::kannala_brandt, 4)->kernel() == nullptr);
   CHECK(make_tilting_laser()->kernel() == used.tilting_laser);
 }
+
+}  // namespace view_kernels_test

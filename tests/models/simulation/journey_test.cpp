@@ -14,6 +14,8 @@
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/rigs.h"
 
+namespace journey_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -115,3 +117,5 @@ TEST_CASE("journey: readings have the stop's errors and scatter of their own") {
     CHECK(std::sqrt(squares[j] / n) == Approx(sigma).epsilon(0.03).margin(1e-12));
   }
 }
+
+}  // namespace journey_test

@@ -34,6 +34,8 @@
 #include "../../../models/sensors/tilting_laser.h"
 #include "../../fixtures/open_recording.h"
 
+namespace simulation_test {
+
 using namespace kincal;
 using Catch::Matchers::Contains;
 using fixture::OpenRecording;
@@ -773,3 +775,5 @@ TEST_CASE("posture files", "[simulation]") {
   CHECK_THAT(with(view, ", \"targets\": {\"large_board\": {\"xy\": 1}}"),
              Contains("unknown key 'xy'"));
 }
+
+}  // namespace simulation_test

@@ -13,6 +13,8 @@
 
 #include "../../fixtures/example.h"
 
+namespace consensus_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -136,3 +138,5 @@ TEST_CASE("consensus: a sensor's level says what is usual") {
   judge.reference.noise_ratios.assign(judge.reference.noise_ratios.size(), 10);
   CHECK(judge.of(judge.lab.samples[index]).clean());
 }
+
+}  // namespace consensus_test

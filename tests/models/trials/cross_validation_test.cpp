@@ -20,6 +20,8 @@
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/study.h"
 
+namespace cross_validation_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -153,3 +155,5 @@ TEST_CASE("validation: what is not final is named") {
                           Catch::Contains("rms of the held-out samples is not final") &&
                           Catch::Contains("2 samples, first 's2'"));
 }
+
+}  // namespace cross_validation_test

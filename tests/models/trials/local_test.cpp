@@ -24,6 +24,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/transforms.h"
 
+namespace local_test {
+
 using namespace kincal;
 
 namespace {
@@ -395,3 +397,5 @@ TEST_CASE("local: a pose that the rig leaves open is estimated, never the identi
   open.steps = {step};
   CHECK(calibrate_locally(open, samples, centre(), within(1)).open.empty());
 }
+
+}  // namespace local_test

@@ -20,6 +20,8 @@
 #include "../../fixtures/samples.h"
 #include "../../fixtures/study.h"
 
+namespace outliers_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 
@@ -187,3 +189,5 @@ TEST_CASE("outliers: joints noisier than stated cost no right sample and are nam
         CHECK((factor != 5 || named.find(joint) != std::string::npos));
     }
 }
+
+}  // namespace outliers_test

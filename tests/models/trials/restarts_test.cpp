@@ -24,6 +24,8 @@
 #include "../../fixtures/study.h"
 #include "../../fixtures/transforms.h"
 
+namespace restarts_test {
+
 using namespace kincal;
 using namespace kincal::fixture;
 using Catch::Matchers::Contains;
@@ -235,3 +237,5 @@ TEST_CASE("restarts: cancelled, starts that cannot be evaluated", "[restarts]") 
   const Restarted failing = restarted(near, {s}, 20);
   CHECK(failing.restarts.failed > 0);
 }
+
+}  // namespace restarts_test

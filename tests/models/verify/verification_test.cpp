@@ -16,6 +16,8 @@
 
 #include "../../../models/rig/random_stream.h"
 
+namespace verification_test {
+
 using namespace kincal;
 
 namespace {
@@ -240,3 +242,5 @@ TEST_CASE("verify: how many postures it takes") {
   blind.rms = std::sqrt(blind.seen * blind.seen - blind.instrument * blind.instrument);
   CHECK(postures_needed(blind, half) == -1);
 }
+
+}  // namespace verification_test
