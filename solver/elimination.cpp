@@ -538,7 +538,7 @@ Arrowhead::Assembly Arrowhead::assemble(const VectorXd& state, double lambda, bo
 bool Arrowhead::linearise_beside(const VectorXd& state) {
   problem.retract(state, shared_step, private_step, beside);
   Cost cost;
-  return assemble(beside, 1, true, false, cost) != Assembly::undefined;
+  return linearise(beside, cost);
 }
 
 /// Column k of P's curvature of a group, from the step of its private unknown k.

@@ -243,6 +243,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   fit_options.solver.threads = options.threads;
   fit_options.solver.linear_solver = options.linear_solver;
   fit_options.solver.relative_decrease = 1e-7;
+  fit_options.solver.second_derivatives = false;  // residuals are as large as their noise
   fit_options.solver.progress = options.progress.in("widths");
   bool settled = false;
   FixedPoint steps = noise_steps();
