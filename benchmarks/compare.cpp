@@ -29,6 +29,7 @@
 #include "ceres_bal.h"
 #include "ceres_cell.h"
 #include "ceres_pr2_like.h"
+#include "other_program.h"
 #include "pr2_like.h"
 
 namespace kincal::benchmarks {
@@ -46,7 +47,8 @@ struct Settings {
   int rounds = 7;
   std::vector<std::string> problems;
   bool threads_only = false;
-  std::string data;  // folder with bal/
+  std::string data;    // folder with bal/
+  OtherProgram other;  // for files of bundle adjustment; none without a command
   bool wanted(const std::string& problem) const {
     return problems.empty() ||
            std::find(problems.begin(), problems.end(), problem) != problems.end();
@@ -97,8 +99,10 @@ void race(const std::string& problem, std::vector<Contestant>& contestants, int 
       throw std::runtime_error(problem + ": " + c.name + " did not converge");
     if (first.size() > 1) fastest_peer = std::min(fastest_peer, first.back().seconds);
     for (const auto& [what, difference, allowed] :
-         {std::make_tuple("at the start",
-                          relative_difference(first.back().start_cost, first[0].start_cost),
+         {std::make_tuple("at the start",  // (another program does not tell it)
+                          std::isnan(first.back().start_cost)
+                              ? 0
+                              : relative_difference(first.back().start_cost, first[0].start_cost),
                           kSameStart),
           std::make_tuple("at the end", relative_difference(first.back().cost, first[0].cost),
                           same_end)})
@@ -319,8 +323,9 @@ void compare_noise(const std::string& folder, const Settings& settings, json& re
 
 // ---------------------------------------------------------------- bundle adjustment
 
-void bundle(const std::string& name, const BundleAdjustmentData& data, const Settings& settings,
-            json& report) {
+/// `file`: where the data are from, empty: generated.
+void bundle(const std::string& name, const std::string& file, const BundleAdjustmentData& data,
+            const Settings& settings, json& report) {
   std::printf("\n%s: %s\n", name.c_str(), describe(data).c_str());
   const auto solve = [&](int threads) { return Run(solve_with_kincal(data, {threads})); };
   if (settings.threads_only) return compare_threads(name, "kincal", solve, kPairs, true, report);
@@ -333,8 +338,20 @@ void bundle(const std::string& name, const BundleAdjustmentData& data, const Set
   };
   if (data.cameras.size() > 9 * 200)
     contestants.erase(contestants.begin() + 2);  // thousands of dense columns: minutes a run
+  std::unique_ptr<PlainFile> plain;
+  const bool with_other = !settings.other.command.empty() && !file.empty();
+  if (with_other) {
+    plain = std::make_unique<PlainFile>(file);
+    contestants.insert(contestants.begin() + 1, {settings.other.command, [&] {
+                                                   return run_other(settings.other, plain->path());
+                                                 }});
+  }
   race(name, contestants, settings.rounds, 1e-5);
   for (const Contestant& contestant : contestants) print_contestant(contestant);
+  if (with_other) {
+    compare_with(name, contestants[0], contestants[1], contestants[1].name, report);
+    contestants.erase(contestants.begin() + 1);
+  }
   compare_with(name, contestants[0], contestants.back(), contestants.back().name, report);
   const Contestant* best = &contestants[1];
   for (size_t i = 2; i + 1 < contestants.size(); ++i)
@@ -438,6 +455,24 @@ int run(int argc, char** argv) {
       ->check(CLI::IsMember(kProblems))
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  CLI::Option* other = app.add_option(
+      "--other", settings.other.command,
+      "Another solver for BAL files, timed in the same turns: its command, {} stands for the "
+      "file.\n"
+      "Let it use one thread, double, and end where kincal does: costs must agree to 1e-5");
+  CLI::Option* cost =
+      app.add_option("--other-cost", settings.other.cost,
+                     "Regular expression: the first group of its last match in the output of "
+                     "--other is the final cost, 1/2 sum |r|^2")
+          ->needs(other);
+  other->needs(cost);
+  app.add_option("--other-cost-factor", settings.other.factor,
+                 "What that number is to be multiplied by (0.5 for sum |r|^2)")
+      ->needs(other);
+  app.add_option("--other-seconds", settings.other.seconds,
+                 "The same for its time (s); without it: the CPU time of its process, reading "
+                 "included")
+      ->needs(other);
   CLI11_PARSE(app, argc, argv);
   if (quick) settings.rounds = 5;
 
@@ -481,10 +516,10 @@ int run(int argc, char** argv) {
           "bal/)\n",
           name.c_str(), path.c_str());
     else
-      bundle("bal-" + name, read_bal(found), settings, report);
+      bundle("bal-" + name, found, read_bal(found), settings, report);
   }
   if (settings.wanted("synthetic-500"))
-    bundle("synthetic-500", synthetic_bal(500, 100000), settings, report);
+    bundle("synthetic-500", "", synthetic_bal(500, 100000), settings, report);
   if (!file.empty()) {
     std::ofstream out(file);
     out << report.dump(1) << "\n";
