@@ -14,7 +14,8 @@ std::string find_sibling(const std::string& name, const std::string& what,
 
 /// Where kincal-detect and kincal-render are built.
 constexpr const char* kBuiltWithImages =
-    "where OpenCV is: apt-get install libopencv-contrib-dev, then build kincal again (CMake option "
+    "where OpenCV is installed: apt-get install libopencv-contrib-dev, then build kincal again "
+    "(CMake option "
     "KINCAL_IMAGES)";
 
 /// Replaces this program by another; the first argument is its name. @throws InputError

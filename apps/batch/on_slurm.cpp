@@ -289,7 +289,7 @@ int run_task(const BatchArguments& a, const std::string& token) {
   const char* number = std::getenv("SLURM_ARRAY_TASK_ID");
   const size_t task = number ? std::strtoul(number, nullptr, 10) : 0;
   if (job->token != token || !number || task >= job->tasks)
-    throw InputError(whole_path(folder.path) + ": this task is of a job that was given up");
+    throw InputError(whole_path(folder.path) + ": this task belongs to an abandoned job");
   const Output output = open_scratch(a.out, folder.file(task, ".work"));
   note_start(folder, task);
 

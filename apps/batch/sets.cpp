@@ -118,7 +118,7 @@ Sets sets_of_list(const std::string& path) {
                        "; a third word on the line is its name");
     sets.all.push_back({name, (folder / words[0]).string(), samples.string(), ""});
   }
-  if (sets.all.empty()) throw InputError(path + ": there is no set in it; a line is RIG SAMPLES");
+  if (sets.all.empty()) throw InputError(path + ": lists no sets; each line is RIG SAMPLES");
   return sets;
 }
 

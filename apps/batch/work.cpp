@@ -56,9 +56,9 @@ Work find_work(const std::vector<Set>& sets, const Output& output, const std::st
     if (!set.wrong.empty()) {
       work.summaries[i] = failed(set, kBadInput, set.wrong);
     } else if (fs::exists(folder, ignored) && !fs::exists(folder / "batch.json", ignored)) {
-      work.summaries[i] = failed(
-          set, kBadInput,
-          folder.string() + ": is there already and was not written by a batch: move it away");
+      work.summaries[i] =
+          failed(set, kBadInput,
+                 folder.string() + ": already exists and was not written by a batch: move it away");
     } else if (std::optional<SetSummary> done = find_done(set, output, options, why)) {
       work.summaries[i] = *done;
     } else {

@@ -256,12 +256,12 @@ int import_measured(const ImportArguments& a, bool atom) {
   for (const std::string& word : words_of(a.settling)) arguments.push_back(word);
   arguments.push_back("--");
   arguments.insert(arguments.end(), a.files.begin(), a.files.end());
-  become(
-      find_sibling("kincal-bags", "`kincal import` of recordings",
-                   "where SQLite, lz4, zstd, bz2 and zlib are: apt-get install libsqlite3-dev "
-                   "liblz4-dev libzstd-dev libbz2-dev zlib1g-dev, then build kincal again (CMake "
-                   "option KINCAL_BAGS)"),
-      arguments);
+  become(find_sibling(
+             "kincal-bags", "`kincal import` of recordings",
+             "where SQLite, lz4, zstd, bz2 and zlib are installed: apt-get install libsqlite3-dev "
+             "liblz4-dev libzstd-dev libbz2-dev zlib1g-dev, then build kincal again (CMake "
+             "option KINCAL_BAGS)"),
+         arguments);
 }
 
 /// How to record what a rig needs.
@@ -335,8 +335,8 @@ int import_file(ImportArguments a, const std::vector<std::string>& arguments) {
     return import_poses(a);
   }
   if (a.rig.empty() != a.out.empty())
-    throw InputError(a.rig.empty() ? "--out: a rig to change is also required: --rig RIG; without "
-                                     "both, the keys are printed"
+    throw InputError(a.rig.empty() ? "--out also requires --rig RIG, the rig to change. Without "
+                                     "both options the keys are printed"
                                    : "--out is required: the file for the changed rig; it may be "
                                      "the same as --rig, with --force");
   if (!a.out.empty()) check_output_file(a.out, a.force);

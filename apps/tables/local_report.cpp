@@ -39,7 +39,7 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
     out += "\nNot determined, because no sample within " + text("%.4g", local.bandwidth) +
            " depends on them: " + unknown +
            ".\n"
-           "Record postures around this one that depend on them, or do not name them\n";
+           "Record postures around this one that depend on them, or do not name these joints\n";
   out += local.gain ? "\nErrors within that (rms, readings as they are; each sample predicted "
                       "without itself)\n"
                     : "\nErrors nearby with offsets that were tried (rms, readings as they are; "

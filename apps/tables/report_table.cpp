@@ -95,7 +95,7 @@ std::string restart_table(const Restarts& restarts, bool converged) {
   const int own = restarts.minima[0].count, failed = restarts.failed;
   std::string out = text("  %d of %d end in this minimum", own, restarts.count);
   if (failed)
-    out += text(", %d failed (%d not converged, %d without a start)", failed,
+    out += text(", %d failed (%d not converged, %d could not start)", failed,
                 restarts.not_converged, failed - restarts.not_converged);
   out += "\n";
   if (restarts.minima.size() == 1) return out;

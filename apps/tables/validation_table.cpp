@@ -115,7 +115,7 @@ std::string validation_table(const Report& report) {
           !fold.error.empty() ? "no calibration: "
           : !fold.converged   ? "not converged"
           : !fold.judged      ? "joint errors or targets of its own samples: not converged"
-          : !fold.determined  ? "the other folds do not determine every freed parameter"
+          : !fold.determined  ? "the other folds do not determine every estimated parameter"
                               : nullptr;
       if (wrong) out += text("  fold %zu: ", f + 1) + wrong + fold.error + "\n";
     }

@@ -38,9 +38,8 @@ void check_view(const Rig& rig, const View& view, const std::string& where) {
   const Target& target = rig.targets[view.target];
   const bool plane = target.type == "plane";
   if (sees_surfaces(*sensor.model) != plane)
-    throw InputError(where + "target: sensors of type surface, and no others, see planes; '" +
-                     sensor.name + "' is a " + sensor.type + ", '" + target.name + "' a " +
-                     target.type);
+    throw InputError(where + "target: only sensors of type surface see planes; '" + sensor.name +
+                     "' is a " + sensor.type + ", '" + target.name + "' a " + target.type);
   if (sensor.model->measures_pose()) {
     if (!view.ids.empty())
       throw InputError(where + "ids: a " + sensor.type + " view has no points");

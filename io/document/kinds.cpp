@@ -244,7 +244,7 @@ std::string cure_of(const Likeness& looks, Wanted wanted) {
     return "a rig names its robot's URDF (robot: ...); `kincal init` makes a first one";
   if (looks.is == Wanted::urdf && lines) return "the rig names its robot's URDF by itself";
   if (looks.is == Wanted::samples && wanted == Wanted::rig) return "the rig comes first";
-  if (looks.is == Wanted::rig && lines) return "the rig comes first, then these";
+  if (looks.is == Wanted::rig && lines) return "the rig comes first, then these files";
   if (looks.is == Wanted::rig && wanted == Wanted::urdf)
     return "give the file that the rig names (robot: ...)";
   if (looks.is == Wanted::rig && wanted == Wanted::foreign)

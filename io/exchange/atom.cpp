@@ -134,12 +134,12 @@ std::string atom_lines(const std::string& path, const Rig& rig, std::vector<std:
     notes.push_back("the rig has no targets of these names, their labels are left out: " +
                     quoted_list(unknown_targets));
   if (!no_cameras.empty())
-    notes.push_back("labels of these sensors are no pixels and are left out: " +
+    notes.push_back("the labels of these sensors are not pixels and are left out: " +
                     quoted_list(no_cameras));
   if (views == 0)
-    throw InputError(path + ": no label is about a camera and a target of the rig; the data set " +
+    throw InputError(path + ": no label matches a camera and a target of the rig; the data set " +
                      "has the sensors " + quoted_list(unknown_sensors) + " and the patterns " +
-                     quoted_list(unknown_targets) + ": give the rig's the same names");
+                     quoted_list(unknown_targets) + ": use the same names in the rig");
   return out;
 }
 

@@ -104,8 +104,8 @@ std::vector<int> chain(const Tree& tree, int base, int tip) {
   std::vector<int> out;
   for (int link = tip; link != base; link = tree.joints[out.back()].parent) {
     if (tree.joint_above[link] < 0)
-      throw InputError("--tip: link '" + tree.links[tip] + "' does not hang on '" +
-                       tree.links[base] + "'");
+      throw InputError("--tip: link '" + tree.links[tip] + "' is not below '" + tree.links[base] +
+                       "'");
     out.push_back(tree.joint_above[link]);
   }
   std::reverse(out.begin(), out.end());
@@ -154,7 +154,7 @@ DhTable dh_table(const Tree& tree, const std::vector<Pose>& origins, int base, i
     }
     at = at * joint_motion(joint, 0);
   }
-  if (lines.empty()) throw InputError("--tip: no joint moves it against the base");
+  if (lines.empty()) throw InputError("--tip: no joint moves it relative to the base");
   const size_t n = lines.size();
   if (modified) {
     Pose here;  // on z of the base, or along the first axis; from there on a frame on each axis
@@ -228,11 +228,11 @@ std::string dh_text(const DhTable& table, const DhMisfit& misfit, const std::str
                     "; m, rad\n" + pose_comment("before the first row", table.base_T_first) +
                     pose_comment("behind the last row", table.last_T_tip);
   out +=
-      "# not expressed" + (misfit.metres < 1e-9 && misfit.radians < 1e-9
-                               ? std::string(": nothing else\n")
-                               : " (axes that are nearly parallel are made so): up to " +
-                                     rounded(1e3 * misfit.metres, 3) + " mm and " +
-                                     rounded(1e3 * misfit.radians, 3) + " mrad of " + tip + "\n");
+      "# not expressed" +
+      (misfit.metres < 1e-9 && misfit.radians < 1e-9
+           ? std::string(": nothing else\n")
+           : " (nearly parallel axes are made parallel): up to " + rounded(1e3 * misfit.metres, 3) +
+                 " mm and " + rounded(1e3 * misfit.radians, 3) + " mrad of " + tip + "\n");
   out += "joint,a,alpha,d,theta_offset,type\n";
   for (const DhRow& row : table.rows)
     out += row.joint + "," + shortest(row.a) + "," + shortest(row.alpha) + "," + shortest(row.d) +
@@ -286,7 +286,7 @@ DhTable read_dh(const std::string& path, bool modified) {
     row.slides = type == "prismatic";
     out.rows.push_back(row);
   }
-  if (out.rows.empty()) throw InputError(path + ": no row of a table of Denavit and Hartenberg");
+  if (out.rows.empty()) throw InputError(path + ": contains no row of a Denavit-Hartenberg table");
   return out;
 }
 

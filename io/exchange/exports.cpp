@@ -208,7 +208,7 @@ std::string ur_kinematics_of(const RobotNumbers& robot, const ExportOptions& o,
     out.hash = "kincal_" + sha256(ur_kinematics_text(out)).substr(0, 16);
     notes.push_back(
         "the driver compares `hash` with the robot's and warns: take --from FILE with the file "
-        "that ur_calibration wrote of the robot, and its hash is kept");
+        "that ur_calibration wrote for the robot, and its hash is kept");
   }
   return ur_kinematics_text(out);
 }

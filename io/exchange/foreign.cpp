@@ -102,7 +102,7 @@ Node read_any_tree(const std::string& path) {
   const pugi::xml_node top = load_document(xml);
   if (std::strcmp(top.name(), "opencv_storage") != 0)
     throw InputError(path + ": <" + top.name() +
-                     "> is no XML of OpenCV; the top element must be <opencv_storage>");
+                     "> is not an XML file of OpenCV; the top element must be <opencv_storage>");
   return foreign_node(xml, top, 1);
 }
 

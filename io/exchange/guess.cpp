@@ -126,7 +126,7 @@ std::string reading_guess(const Table& table, const std::string& file) {
          "  kincal import " +
          file + " --rig RIG --sensor NAME --target NAME" + angles +
          " --out samples.jsonl\n"
-         "A column that is called differently than the rig's joint: --map COLUMN=JOINT\n";
+         "A column whose name differs from the rig's joint: --map COLUMN=JOINT\n";
 }
 
 constexpr const char* kPairs =

@@ -15,7 +15,7 @@ constexpr int kMostCells = 10'000;  // rows or columns
 constexpr char kExchanged[] =
     "in Kalibr x runs along the columns of this board, in kincal along the rows: poses of it "
     "differ "
-    "by that, its points do not";
+    "accordingly, its points do not";
 
 /// rows and columns, as kincal counts them.
 RigKeys cells(const Field& file, const char* rows, const char* columns, const char* type) {
@@ -31,7 +31,8 @@ RigKeys described(const Field& file, std::vector<std::string>& notes) {
     keys = cells(file, "targetRows", "targetCols", "chessboard");
     const double square = file["rowSpacingMeters"].positive();
     if (file.has("colSpacingMeters") && file["colSpacingMeters"].positive() != square)
-      file["colSpacingMeters"].fail("differs from rowSpacingMeters; kincal's boards have squares");
+      file["colSpacingMeters"].fail(
+          "differs from rowSpacingMeters; kincal's boards have only squares");
     keys.emplace_back("square", shortest(square));
     notes.emplace_back(kExchanged);
   } else if (type == "circlegrid") {

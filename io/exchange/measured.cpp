@@ -118,11 +118,13 @@ Measured measured_columns(const Table& table, const Rig& rig, const MeasuredWord
   else if (type == "pose")
     m.poses = measured_poses(table, words, beside_flange);
   else if (type != "camera" || m.image < 0)
-    throw InputError(table.where + ": sensor '" + m.sensor->name + "' is of the type " + type +
-                     (type == "camera"
-                          ? ": a column `image` is expected, whose images `kincal detect` fills in"
-                          : ", whose measurements cannot stand in a table; valid: point, pose, and "
-                            "camera with a column `image`"));
+    throw InputError(
+        table.where + ": sensor '" + m.sensor->name + "' is of the type " + type +
+        (type == "camera"
+             ? ": a column `image` is expected (`kincal detect` then finds the points in the "
+               "images)"
+             : ", whose measurements cannot be given in a table; valid: point, pose, and "
+               "camera with a column `image`"));
   return m;
 }
 

@@ -103,7 +103,7 @@ std::string head_of(const Mount& m) {
 
 std::string transforms_text(const Mount& m) {
   return "# " + m.of +
-         (m.in_robot ? ": in robot.urdf, whose robot_state_publisher sends it already" : "") +
+         (m.in_robot ? ": in robot.urdf, whose robot_state_publisher already publishes it" : "") +
          "\n" + ros2_static_transform(m.parent_T_child, m.parent, m.child) +
          "\n# ROS 1: " + ros1_static_transform(m.parent_T_child, m.parent, m.child) + "\n";
 }
@@ -179,7 +179,7 @@ Mount driver_mount(const Rig& rig, const Sensor& sensor, const std::string& chil
   const Pose child_T_sensor = known_pose(rig, sensor, child, known);
   const int link = tree.find_link(child), above = link < 0 ? -1 : tree.joint_above[link];
   if (link >= 0 && above < 0)
-    throw InputError("--child: '" + child + "' is the root of the robot: it hangs on nothing");
+    throw InputError("--child: '" + child + "' is the root of the robot: no joint is above it");
   if (above >= 0 && !tree.joints[above].is_rigid())
     throw InputError("--child: '" + child + "' hangs on a joint that moves, '" +
                      tree.joints[above].name + "'; a frame that is fixed on a link is expected");

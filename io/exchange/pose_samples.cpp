@@ -225,17 +225,17 @@ std::vector<PosePair> pair_poses(const std::vector<FlangePose>& flange,
     if (measured.size() > flange.size())
       throw InputError(measured[0].where + ": " + std::to_string(measured.size()) +
                        " measured poses, and " + std::to_string(flange.size()) +
-                       " of the flange: each needs its own");
-    note = "pairs by their names, from '" + out[0].id + "' to '" + out.back().id + "'";
+                       " of the flange: each measured pose needs its own flange pose");
+    note = "paired by name, from '" + out[0].id + "' to '" + out.back().id + "'";
     return out;
   }
   if (flange.size() != measured.size())
     throw InputError(measured[0].where + ": " + std::to_string(measured.size()) +
                      " measured poses, and " + std::to_string(flange.size()) +
-                     " of the flange: without names they go by their order, so they must be as "
+                     " of the flange: without names they are paired in order, so there must be as "
                      "many");
   for (size_t i = 0; i < flange.size(); ++i) out.push_back({"", flange[i].pose, measured[i].pose});
-  note = "pairs by their order, as not both lists have names";
+  note = "paired in order, because not both lists have names";
   return out;
 }
 

@@ -106,8 +106,8 @@ void read_projection(const Field& file, const LensChoice& choice, LensNumbers& l
       !is_identity(turn) && std::any_of(turn.begin(), turn.end(), [](double v) { return v != 0; });
   if (turned && !choice.rectified) {
     notes.emplace_back(
-        "R and P are of the rectified images and were not taken: K and D are those of the raw "
-        "ones. If yours are rectified, take --rectified");
+        "R and P are for rectified images and were not used: K and D are those of the raw "
+        "ones. If yours are rectified, use --rectified");
     return;
   }
   const double baseline = m[3] == 0 ? 0 : -m[3] / m[0];
@@ -311,7 +311,7 @@ LensNumbers read_lens(const std::string& path, const LensChoice& choice,
   const Field file = top(node, path);
   file.members();
   if (file.has("target_type"))
-    file.fail("this is a target of Kalibr's, no camera: take --target NAME");
+    file.fail("this is a Kalibr target file, not a camera file: use --target NAME");
   std::optional<LensNumbers> lens = read_program_lens(file, choice.camera, notes);
   if (!lens) lens = read_one_of(file, choice, notes);
   note_turning_point(*lens, notes);

@@ -250,7 +250,8 @@ std::vector<Table> read_tables(const std::string& path) {
     join_matrices(out[0]);
   }
   if (out.empty() || out[0].rows.empty())
-    throw InputError(path + (text.empty() ? ": the file is empty" : ": no row of numbers in it"));
+    throw InputError(path +
+                     (text.empty() ? ": the file is empty" : ": contains no row of numbers"));
   for (Table& table : out)
     if (table.where.empty()) table.where = table.rows[0].where;
   return out;

@@ -74,7 +74,7 @@ std::string xacro_properties(const RobotNumbers& robot) {
     const std::string name = xacro_name(joint);
     if (std::count(taken.begin(), taken.end(), name))
       throw InputError("joint '" + joint + "': another joint has the property '" + name +
-                       "', too: names that differ in more than blanks and signs are expected");
+                       "', too: names must differ in more than spaces and punctuation");
     taken.push_back(name);
     out += xacro_origin(name, robot.folded[j]);
   }
@@ -147,10 +147,10 @@ std::string lerobot_text(const RobotNumbers& robot, const std::string& from,
     places.push_back({bytes_of(text, *motor["homing_offset"].node), std::to_string(shall)});
   }
   if (left.size() == known.size())
-    throw InputError(from + ": no motor is called as a joint of the robot with a reading: " +
-                     comma_separated(known));
+    throw InputError(
+        from + ": no motor has the name of a joint with a reading: " + comma_separated(known));
   if (!left.empty())
-    notes.push_back("no joints of the robot, left as they are: " + comma_separated(left));
+    notes.push_back("not joints of the robot, left unchanged: " + comma_separated(left));
   for (size_t j = 0; j < robot.offsets.size(); ++j)
     if (robot.offsets[j] != 0 &&
         !std::count(known.begin(), known.end(), robot.rig.tree.joints[j].name))

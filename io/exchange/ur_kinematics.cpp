@@ -30,7 +30,7 @@ std::vector<int> ur_joints(const Tree& tree, const std::string& prefix) {
         found.push_back(joint.name.substr(0, joint.name.size() - first.size()));
     if (found.empty())
       throw InputError("the robot has no joint '" + first +
-                       "': joints called as those of Universal Robots' are expected");
+                       "': joints named like those of Universal Robots are expected");
     if (found.size() > 1)
       throw InputError("the robot has several arms: take --prefix with one of " +
                        comma_separated(found));

@@ -40,12 +40,12 @@ std::string never_found(const ImageTarget& target, const std::vector<ImageTask>&
                ? ""
                : begin +
                      ", nor one with a row or column more or less. It has to be seen whole, "
-                     "sharp and not too slantwise, with a white rim: look at an image, and "
+                     "sharp and not too obliquely, with a white margin: look at an image, and "
                      "count the corners where four squares meet";
   return begin + ", but " + std::to_string(most->second) + " of " + std::to_string(looked) +
          " looked at show " + std::to_string(most->first.first) + " x " +
          std::to_string(most->first.second) +
-         ": the corners where four squares meet count, one less than there are squares. Write "
+         ": count the corners where four squares meet, one fewer than the squares. Write "
          "rows: " +
          std::to_string(most->first.first) + ", columns: " + std::to_string(most->first.second);
 }

@@ -207,7 +207,7 @@ BoardLook second_look(const cv::Mat& image, const ImageTarget& target, std::stri
   if (markers.empty())
     reason = "no marker of its dictionary";
   else if (best.size() < std::min<size_t>(2, markers.size()))
-    reason = "the markers do not lie as on this board";
+    reason = "the markers are not arranged as on this board";
   if (!reason.empty()) return out;
   for (int r = 1; r < target.rows; ++r)
     for (int c = 1; c < target.columns; ++c) {

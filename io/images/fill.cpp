@@ -157,7 +157,7 @@ std::string verdict_line(const ImageTask& task, const ImageTask::Wanted& one) {
       line += text;
     }
     if (!(one.found.rms < 1e6))  // no homography explains them at all
-      line = line.substr(0, line.rfind(", rms")) + ", points that make no plane";
+      line = line.substr(0, line.rfind(", rms")) + ", points that do not lie on a plane";
   }
   for (const std::string& note : task.image.notes) line += "; the image " + note;
   return line;
@@ -251,7 +251,7 @@ JointTable joint_rows(const RigFile& rig, const FillOptions& options, size_t ima
   if (out.rows.size() != images)
     throw InputError(options.joints +
                      ": its rows have no names (a column `image`) and no times, so "
-                     "they go with the images in the order of these; but there are " +
+                     "they are matched to the images in order; but there are " +
                      std::to_string(out.rows.size()) + " rows and " + std::to_string(images) +
                      " images");
   out.notes.push_back(options.joints + ": " + std::to_string(images) +
@@ -282,7 +282,7 @@ std::vector<Json> parse_lines(const std::string& path) {
       for (const char* key : {"sensor", "target", "image"})
         if (!view.is_object() || (view.contains(key) ? !view[key].is_string() : *key != 'i'))
           throw InputError(where +
-                           ": views: each needs \"sensor\" and \"target\", texts as "
+                           ": views: each needs \"sensor\" and \"target\", strings like "
                            "\"image\"");
     samples.push_back(std::move(sample));
   }
@@ -331,7 +331,8 @@ Filled fill_images(const RigFile& rig, const std::vector<std::string>& images,
   const bool by_order = !rows.empty() && rows[0].image.empty() && !rows[0].time;
   ImageTargets targets;
   add_targets(rig, "", targets);
-  if (targets.empty()) throw InputError(rig.path + ": no target of it can be found in images");
+  if (targets.empty())
+    throw InputError(rig.path + ": none of its targets can be detected in images");
   std::vector<Json> samples;
   std::vector<ImageTask> tasks;
   std::vector<std::string> without;

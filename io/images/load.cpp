@@ -121,7 +121,7 @@ std::string cure_of_size(const Sensor& camera, const cv::Size& size) {
                y = static_cast<double>(size.height) / camera.image_height;
   const std::vector<double> lens = lens_of(camera).intrinsics;
   if (lens.size() != 4 || std::abs(x - y) * std::max(size.width, size.height) > 1)
-    return "Write " + written + ", with intrinsics of such pictures, " + again;
+    return "Write " + written + ", with the intrinsics of images of this size, " + again;
   return text(
       "If they show the same, smaller or larger (scaled, binned), write %s, intrinsics: "
       "[%.7g, %.7g, %.7g, %.7g]; if they are a part of it, that size with cx and cy counted "

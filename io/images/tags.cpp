@@ -186,7 +186,7 @@ TagGrid all_looks(const cv::Mat& image, const ImageTarget& target, std::string& 
   TagGrid grid;
   const Markers found = search_all(image, target, grid.border);
   if (found.empty()) {
-    reason = "no tag of its family and numbers";
+    reason = "no tag of its family and ids";
     return grid;
   }
   Places pixels;
@@ -208,7 +208,7 @@ TagGrid all_looks(const cv::Mat& image, const ImageTarget& target, std::string& 
       grid.tags[id] = sharp(image, target, grid, in_order_of_points(quad, grid.turn));
     row += 4;
   }
-  if (grid.tags.empty()) reason = "the tags do not lie as on this grid";
+  if (grid.tags.empty()) reason = "the tags are not arranged as on this grid";
   for (size_t before = 0; before < grid.tags.size();) {
     before = grid.tags.size();
     const std::map<int, Quad> known = grid.tags;

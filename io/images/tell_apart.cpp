@@ -162,12 +162,12 @@ Way best_way(const std::vector<std::vector<double>>& squared,
     while (std::next_permutation(order.begin(), order.end()));
     const double n = static_cast<double>(boards), own = std::sqrt(squared[k][best[k]]);
     if (own > sights[k].width)
-      out.doubt[k] = text("it is %.2g rad from where the robot has the nearest, and %.2g wide", own,
+      out.doubt[k] = text("it is %.2g rad from its predicted place, but only %.2g rad wide", own,
                           sights[k].width);
     else if (!(kTimes * kTimes * sum(best) <= other))
-      out.doubt[k] =
-          text("the likeliest targets are %.2g rad from where the robot has them, the next %.2g",
-               std::sqrt(sum(best) / n), std::sqrt(other / n));
+      out.doubt[k] = text(
+          "the likeliest targets are %.2g rad from their predicted places, the next ones %.2g rad",
+          std::sqrt(sum(best) / n), std::sqrt(other / n));
   }
   return out;
 }

@@ -60,7 +60,7 @@ Job make_job(RigFile rig_file, const SampleSet& samples, const CalibrateSettings
   if (!rig_file.rig.priors.empty() && lenses_are_from(rig_file.path, samples.hash)) {
     forget_lenses(rig_file.rig);
     note = "the lenses of " + rig_file.path +
-           " come from these samples: they are found again, with all else, so that no corner "
+           " come from these samples: they are estimated again, with all else, so that no corner "
            "counts twice";
   }
   std::shared_ptr<const Recording> recording = checked_recording(rig_file, samples, settings.words);

@@ -42,7 +42,7 @@ Before after_samples(const RigFile& rig_file, const SampleSet& samples,
   const Report report = run(job, calibrate, false, progress.in("calibrating"));
   const Solution& solution = report.solution;
   if (!solution.usable())
-    throw InputError(samples.path + ": no plan can be made of a calibration that failed: " +
+    throw InputError(samples.path + ": no plan can be made from a failed calibration: " +
                      (solution.message.empty() ? "see `kincal calibrate`" : solution.message));
   Before out;
   out.recording = solution.recording;
@@ -184,7 +184,7 @@ void keep_clear(const RigFile& rig_file, const Before& before, bool measured,
   const Clearance clearance(rig, boxes, settings.clearance, robots_at(safe));
   if (drawn.left_out > 0)
     plan.notes.push_back(std::to_string(drawn.left_out) +
-                         " links have meshes that are not there: nothing keeps clear of them");
+                         " links have missing meshes: collisions with them were not checked");
   if (clearance.empty()) {
     plan.notes.push_back(
         "no shapes of links: collisions of the robot with itself were not checked");
@@ -483,7 +483,7 @@ std::string plan_text(const PosturePlan& plan) {
         text("%d postures are enough: three times as many lower the error by less than a tenth.\n",
              plan.enough);
   else
-    out += "More postures help still: three times as many lower the error by more than a tenth.\n";
+    out += "More postures still help: three times as many lower the error by more than a tenth.\n";
   if (plan.tolerance && plan.needed >= 0)
     out += plan.tolerance->text + text(": about %d postures are needed.\n", plan.needed);
   if (plan.tolerance && plan.needed < 0)

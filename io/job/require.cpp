@@ -68,7 +68,7 @@ std::vector<Requirement> parse_requirement(const std::string& text, const Record
   const auto unit = kUnits.find(requirement.unit);
   if (quantity != "chi2/dof" && unit == kUnits.end())
     throw InputError(where +
-                     (requirement.unit.empty() ? "a unit is missing behind the limit"
+                     (requirement.unit.empty() ? "a unit is missing after the limit"
                                                : "unknown unit '" + requirement.unit + "'") +
                      "; valid: " + unit_names);
   // `kinds`: m, rad, px that the quantity can have.

@@ -43,7 +43,7 @@ struct Scratch {
       if (written < 0)
         throw InputError(name + ": " + std::strerror(errno) +
                          ", where a packed bag is unpacked: give the folder of another disk in the "
-                         "environment's TMPDIR, or unpack it by `zstd -d`");
+                         "environment variable TMPDIR, or unpack it with `zstd -d`");
       bytes += written;
       count -= static_cast<size_t>(written);
     }

@@ -315,7 +315,7 @@ std::vector<BeamPoint> points_of(const Beams& beams, const std::vector<BeamCorne
   std::vector<RangedBeam> paper = bright_beams(beams, corners);
   RangePlane plane;
   if (!fit_plane(paper, plane)) {
-    out.reason = "its bright squares have no ranges of a plane";
+    out.reason = "the ranges of its bright squares are not on a plane";
     return {};
   }
   std::vector<double> sum(corners.size()), squares(corners.size()), count(corners.size());
@@ -501,7 +501,7 @@ BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
   std::vector<BeamCorner> corners = corners_of(picture, view, target, found);
   const size_t wanted = corners.size();
   if (!fit_all(beams, corners)) {
-    out.reason = "something looks like it, but its squares are not there";
+    out.reason = "something looks like it, but has no squares";
     return out;
   }
   if (corners.size() < 4) {
@@ -534,7 +534,7 @@ BeamTarget find_reflector(const Beams& beams) {
   const double level = 0.5 * (usual + peak);
   std::vector<std::vector<const Beam*>> bright = heaps(beams, level);
   if (bright.empty() || bright[0].size() < 4) {
-    out.reason = "nothing bright is as large as four beams";
+    out.reason = "no bright spot covers four beams";
     return out;
   }
   double all = 0;

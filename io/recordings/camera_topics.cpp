@@ -313,7 +313,7 @@ std::string lens_difference(const Sensor& camera, const CameraInfoMessage& info,
     most = std::max(most, std::abs((i < ours.size() ? ours[i] : 0) -
                                    (i < their_distortion.size() ? their_distortion[i] : 0)));
   if (most > 1e-3) {
-    std::snprintf(text, sizeof text, "%sa number of the distortion differs by %.3g",
+    std::snprintf(text, sizeof text, "%sa distortion coefficient differs by %.3g",
                   out.empty() ? "" : "; ", most);
     out += text;
   }
@@ -349,7 +349,7 @@ std::vector<std::string> other_lenses(const RigFile& rig, const RecordedStreams&
     const CameraInfoMessage& info = streams.infos[static_cast<size_t>(cameras.infos[s])];
     if (!(info.k[0] != 0) && !(info.k[1] != 0)) {
       out.push_back("sensor '" + rig.rig.sensors[s].name + "': " + info.topic +
-                    " is of a camera that is not calibrated (K is all 0): its lens is the rig's");
+                    " is of an uncalibrated camera (K is all 0): its lens is taken from the rig");
       continue;
     }
     const std::string text = lens_difference(rig.rig.sensors[s], info, rectified);

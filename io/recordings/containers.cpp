@@ -43,7 +43,7 @@ std::shared_ptr<const Topic> BagReading::add(Topic topic) {
     if (name->size() > longest_name || std::any_of(name->begin(), name->end(), [](char c) {
           return static_cast<unsigned char>(c) < ' ' || c == 127;
         }))
-      throw Damage("a topic has a name that cannot be one");
+      throw Damage("a topic has an invalid name");
   definitions += topic.definition.size();
   if (definitions > most_definitions) throw Damage("definitions are larger than 64 MB");
   contents.topics.push_back(std::make_shared<const Topic>(std::move(topic)));

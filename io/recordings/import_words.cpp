@@ -93,12 +93,13 @@ TextLines moving_lines(const Rig& rig, const std::vector<SeenTarget>& seen) {
   for (const SeenTarget& one : seen) {
     if (one.moving == 0) continue;
     const char* sensor = rig.sensors[one.sensor].name.c_str();
-    lines.push_back((one.moving == one.rests
-                         ? text("%s is never still while the joints are: motion %.2g px at least",
-                                sensor, one.least)
-                         : text("%s: not still in %d of %d rests", sensor, one.moving, one.rests)) +
-                    text(" (of '%s'; up to %.2g px count as rest)",
-                         rig.targets[one.target].name.c_str(), one.allowed));
+    lines.push_back(
+        (one.moving == one.rests
+             ? text("%s is never still while the joints are: it moves by at least %.2g px", sensor,
+                    one.least)
+             : text("%s: not still in %d of %d rests", sensor, one.moving, one.rests)) +
+        text(" (of '%s'; up to %.2g px count as rest)", rig.targets[one.target].name.c_str(),
+             one.allowed));
   }
   return lines;
 }
@@ -124,8 +125,8 @@ TextLines moved_lines(const Recorded& recorded, const std::vector<CameraClock>& 
     if (one.found)
       lines.push_back(
           recorded.rig.sensors[one.sensor].name +
-          text(": its stamps are of another clock, %.3f s %s those of the joints by the "
-               "motion: they are moved",
+          text(": its stamps are of another clock, %.3f s %s those of the joints, judging by the "
+               "motion: they are shifted",
                std::abs(one.offset), one.offset > 0 ? "after" : "before"));
   return lines;
 }
@@ -141,7 +142,8 @@ std::string without_clock(const Rig& rig, const std::vector<CameraClock>& camera
            "from different clocks with an unclear offset (with images " +
            few_of(offsets) +
            " s later both rest at the same times). Record with clocks that run together (chrony), "
-           "or with one recorder and its times of reception; rests of different length make it "
+           "or with one recorder and its reception times; rests of different lengths make the "
+           "offset "
            "clear too";
   }
   return "";
@@ -178,7 +180,7 @@ ImportWords import_words(const Recorded& recorded, const ImportFindings& found) 
   if (!found.rests.creeping.empty()) {
     TextLines begins;
     for (const double begin : found.rests.creeping) begins.push_back(at_time(begin));
-    out.lines.push_back("left out, too short without the slow ends of ways: " + few_of(begins));
+    out.lines.push_back("left out, too short without the slow ends of moves: " + few_of(begins));
   }
   append(out.lines, look_lines(recorded, found.looked));
   append(out.lines, scan_lines(rig, found.scanned));

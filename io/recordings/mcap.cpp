@@ -117,7 +117,7 @@ struct McapReader {
     }
     if (content.size() != size) throw Damage("its size differs from the stated size");
     if (sum != 0 && checksum(0, content) != sum)
-      throw Damage("its checksum is another: bytes have changed");
+      throw Damage("its checksum differs: bytes have changed");
     for (Bytes inside{content}; !inside.left.empty() && !reading.ended;) {
       const auto kind = inside.number<unsigned char>();
       record(kind, inside.take(inside.number<std::uint64_t>()), where);
@@ -174,7 +174,7 @@ struct McapReader {
     if (summary == 0 || summary > file.size() - kFooter - kMagic.size()) return;
     if (sum != 0 && !has_sum(summary, sum))
       return reading.lost(
-          "the summary at its end: bytes have changed; nobody can see whether messages are "
+          "the summary at its end: bytes have changed; it is unknown whether messages are "
           "missing");
     file.seek(summary);
     while (true) {

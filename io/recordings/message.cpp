@@ -87,10 +87,10 @@ RawField field_of(const std::string& line) {
         size.size() < 10)
       out.count = std::stoull(size);
     else if (!size.empty() && size.rfind("<=", 0) != 0)
-      throw Damage("definition: '" + line + "' has no size of an array");
+      throw Damage("definition: '" + line + "' has no valid size of an array");
     out.type.resize(bracket);
     if (out.count == 0 && size.find_first_not_of('0') == std::string::npos && !size.empty())
-      throw Damage("definition: '" + line + "' is an array of nothing");
+      throw Damage("definition: '" + line + "' is an array of size 0");
   }
   out.type = plain_type(out.type.substr(0, out.type.find("<=")));  // string<=20
   const size_t next = rest.find_first_not_of(" \t\r");
@@ -145,8 +145,7 @@ struct TypeReader {
     constexpr int deepest = 32;
     const auto known = index.find(name);
     if (known != index.end()) {
-      if (known->second.depth < 0)
-        throw Damage("definition: type '" + name + "' has itself as a part");
+      if (known->second.depth < 0) throw Damage("definition: type '" + name + "' contains itself");
       return known->second;
     }
     if (above > deepest) throw Damage("definition: types are nested more than 32 deep");
@@ -189,7 +188,7 @@ struct Decoder {
 
   /// Values take memory, and those of types without fields no byte of the message.
   void count_values(std::uint64_t count) {
-    if (count > values) throw Damage("it has more values than so few bytes can hold");
+    if (count > values) throw Damage("it has more values than its bytes can hold");
     values -= count;
   }
 
@@ -369,7 +368,7 @@ MessageValue decode_message(const MessageTypes& types, Wire wire, std::string_vi
   if (wire == Wire::cdr) {
     const std::string_view first = decoder.bytes.take(4);
     if (first[0] != 0 || (first[1] != 0 && first[1] != 1))
-      throw Damage("CDR of a kind that is not read (representation " +
+      throw Damage("unsupported CDR (representation " +
                    std::to_string(static_cast<unsigned char>(first[1])) + ")");
     decoder.cdr = true;
     decoder.swapped = first[1] == 0;

@@ -40,7 +40,7 @@ class RigIds {
     if (!of_type) return -1;  // the rig wants nothing of this kind
     notes.insert(type + " '" + id + "' of the recording is not a sensor of the rig (" +
                  comma_separated(valid) + "): write `topic: " + id +
-                 "` into the entry of the one that it is");
+                 "` into the entry of the right one");
     return -1;
   }
 
@@ -156,7 +156,7 @@ struct MeasurementReader {
       if (!view) continue;
       for (const MessageValue& p : points) {  // tilt, bearing, range
         const NumberArray position = numbers_of(field(p, "position"));
-        if (position.size() != 3) throw Damage("a laser's point has not three numbers");
+        if (position.size() != 3) throw Damage("a laser's point does not have three components");
         for (size_t i = 0; i < 3; ++i) view->z.push_back(position[i]);
       }
       check_numbers(sample);
@@ -278,8 +278,9 @@ ImportedSamples read_robot_measurements(const std::vector<std::string>& bags, co
   std::map<std::string, int> seen;
   for (Sample& sample : reader.out.samples)
     if (const int again = seen[sample.id]++) {
-      reader.notes.insert("sample '" + sample.id + "' is there several times: later ones are '" +
-                          sample.id + "_2' and so on");
+      reader.notes.insert("sample '" + sample.id +
+                          "' occurs several times: later ones are named '" + sample.id +
+                          "_2' and so on");
       sample.id += "_" + std::to_string(again + 1);
     }
   reader.out.notes.assign(reader.notes.begin(), reader.notes.end());

@@ -195,8 +195,9 @@ std::vector<std::string> RobotReadings::absences() const {
     for (const TimeInterval& one : absent)
       if (one.length() > longest) longest = one.length(), begin = one.begin;
     if (longest < kPause) continue;
-    out.push_back(text("joint '%s' has no readings for %.1f s from %.1f s on, while others have",
-                       rig_.tree.joints[j].name.c_str(), longest, begin));
+    out.push_back(text(
+        "joint '%s' has no readings for %.1f s, starting at %.1f s, although other joints have",
+        rig_.tree.joints[j].name.c_str(), longest, begin));
   }
   return out;
 }

@@ -204,7 +204,7 @@ void read_ros1_bag(const std::string& path, BagReading& reading) {
   const std::string_view first =
       reader.file.read(std::min<std::uint64_t>(13, reader.file.size()), reader.header);
   if (first != "#ROSBAG V2.0\n")
-    throw Unreadable("a bag of another version than ROS 1's 2.0: convert it by `rosbag migrate`");
+    throw Unreadable("a ROS 1 bag of a version other than 2.0: convert it with `rosbag migrate`");
   reader.read_index(reader.file.position());
   while (!reading.ended) {
     const std::uint64_t start = reader.file.position();

@@ -277,7 +277,7 @@ RecordedBag render_bag(const RigFile& rig, const std::string& samples, const std
   for (const Joint& joint : rig.rig.tree.joints)
     if (joint.first_axis >= 0)
       throw InputError("--bag: joint '" + joint.name +
-                       "' is floating: a pose is no reading of a joint_states message");
+                       "' is floating: a joint_states message cannot hold a pose");
   const std::vector<Sample> logged = parse_samples(read_file(samples), samples, rig.rig);
   const std::vector<Stop> stops =
       stops_of(logged, rig.rig, read_true_postures(truth, rig.rig), truth);

@@ -211,7 +211,7 @@ void look_for_the_end(const std::string& path, BagReading& reading) {
   const bool counted = bytes.substr(24, 4) == bytes.substr(92, 4);  // by those who wrote it last
   if (page > 0 && (file.size() % page > 0 || (counted && file.size() < page * pages)))
     reading.lost("the data after byte " + std::to_string(file.size()) +
-                 ": the file is cut off. What it has of its last messages may be zeros");
+                 ": the file is cut off. Its last messages may be partly zeros");
 }
 
 }  // namespace

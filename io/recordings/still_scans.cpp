@@ -32,7 +32,7 @@ double point_field(std::string_view point, size_t offset, int type, bool swapped
     case 8:
       return bytes.number<double>(swapped);
     default:
-      throw Damage("a field of a point is of no known type");
+      throw Damage("a field of a point has an unknown type");
   }
 }
 

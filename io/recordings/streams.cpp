@@ -226,7 +226,7 @@ struct StreamReader {
     const NumberArray d = numbers_of(field(value, "D")), k = numbers_of(field(value, "K")),
                       p = numbers_of(field(value, "P"));
     for (size_t i = 0; i < d.size(); ++i) info.distortion.push_back(d[i]);
-    if (k.size() != 9 || p.size() != 12) throw Damage("K has not 9 or P not 12 numbers");
+    if (k.size() != 9 || p.size() != 12) throw Damage("K must have 9 and P 12 numbers");
     const size_t of_k[] = {0, 4, 2, 5}, of_p[] = {0, 5, 2, 6};
     for (size_t i = 0; i < 4; ++i) info.k[i] = k[of_k[i]], info.p[i] = p[of_p[i]];
     if (p[0] != 0) info.baseline = 0 - p[3] / p[0];
@@ -328,7 +328,7 @@ void put_on_one_clock(StreamReader& reader) {
     out.notes.push_back(topic + ": its stamps are of another clock, " + away + " s " +
                         (differs < 0 ? "after" : "before") +
                         " those of the joints by the times of reception: they are moved so that "
-                        "its messages were as long under way as theirs");
+                        "its messages have the same delay as those of the joints");
   }
   const auto move = [&](const std::string& topic, std::vector<double>& times) {
     const auto by = moved.find(topic);

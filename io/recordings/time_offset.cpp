@@ -485,7 +485,7 @@ TimeOffset time_offset(const OffsetInput& input, int sensor, std::vector<WaySigh
   out.misfit = true;  // unless one is found
   const double offset = coarse_offset(predictor, sightings);
   if (std::abs(offset) > kFarthestOffset - kGrid / 2) {
-    out.why_not = "it is more than 0.4 s, or the readings are not of this robot";
+    out.why_not = "the offset is more than 0.4 s, or the readings are not of this robot";
     return out;
   }
   std::vector<OneOffset> all;

@@ -142,13 +142,13 @@ void check_joints(const RigFile& rig_file, const RecordedStreams& streams, Topic
     out.notes.push_back(topic + text);
   }
   for (const auto& [topic, joints] : not_taken)
-    out.notes.push_back(
-        "views that depend on joints " + comma_separated(joints) + " give no samples: only " +
-        topic + " has them, which " +
-        (given_joint_topics(rig_file).empty()
-             ? "has commands, judging by its name. If it has measured positions, write `topic: " +
-                   topic + "` into the rig's joints; else record their joint states"
-             : "the rig's joints.topic does not name"));
+    out.notes.push_back("views that depend on joints " + comma_separated(joints) +
+                        " give no samples: only " + topic + " has them, which " +
+                        (given_joint_topics(rig_file).empty()
+                             ? "contains commands, judging by its name. If they are measured "
+                               "positions, write `topic: " +
+                                   topic + "` into the rig's joints; else record their joint states"
+                             : "the rig's joints.topic does not name"));
   if (missing.empty()) return;
   const std::string recorded = "the recording has";
   if (there.empty())
@@ -331,8 +331,9 @@ void find_pose_sensors(const RigFile& rig, const RecordedStreams& streams, Topic
     const PoseStream& p = streams.poses[static_cast<size_t>(candidates[0])];
     const int target = target_of(rig.rig, p);
     if (target < 0) {
-      out.notes.push_back("sensor '" + sensors[s].name + "': the poses of " + p.topic +
-                          " are of no target of the rig by name: give one the name of its frame");
+      out.notes.push_back(
+          "sensor '" + sensors[s].name + "': the poses of " + p.topic +
+          " match no target of the rig by name: give the target the name of their frame");
       continue;
     }
     out.poses[s].stream = candidates[0];
@@ -369,9 +370,10 @@ void find_scans(const RigFile& rig, const RecordedStreams& streams, TopicMap& ou
                           streams.scans[static_cast<size_t>(candidates[0])].topic + " (" +
                           (given.empty() ? "guessed" : "as in the rig") + ")");
     } else if (candidates.size() > 1 || !given.empty()) {
-      out.notes.push_back("sensor '" + sensors[s].name +
-                          "': which scans are its is not clear: write `topic: ...` into its entry "
-                          "of the rig");
+      out.notes.push_back(
+          "sensor '" + sensors[s].name +
+          "': it is not clear which scans are from it: write `topic: ...` into its entry "
+          "of the rig");
     }
   }
 }

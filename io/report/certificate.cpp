@@ -150,7 +150,7 @@ std::string statement(const Field& all) {
               instrument = all["instrument"];
   std::string out =
       "<h2>Statement of uncertainty</h2>\n<p>All limits are for a coverage factor k = 2 (about 95 "
-      "% of cases between them). They contain the sample size (" +
+      "% of cases between them). They account for the sample size (" +
       figure(all["counts"]["postures"], 1) + " postures; effective degrees of freedom " +
       rounded(distance["freedom"].number(), 3) + " of distances, " +
       rounded(position["freedom"].number(), 3) +

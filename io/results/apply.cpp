@@ -65,9 +65,9 @@ ResultToApply open_result(const std::string& result_path, bool force) {
     throw InputError(out.path + ": is not a result of `kincal calibrate`: it has no robot.joints");
   out.doubt = verdict_doubt(all);
   if (!force && all["status"].string() != "converged")
-    throw InputError(
-        out.path + ": status: " + all["status"].string() + ": this result is not to be trusted" +
-        (out.doubt.empty() ? "" : ": " + out.doubt) + "; --force applies it all the same");
+    throw InputError(out.path + ": status: " + all["status"].string() +
+                     ": this result is not to be trusted" +
+                     (out.doubt.empty() ? "" : ": " + out.doubt) + "; --force applies it anyway");
   if (all["robot"].has("urdf") && !all["robot"]["urdf"].boolean())
     throw InputError(out.path +
                      ": is about a robot without URDF: its mounts, ready to be copied, are in "

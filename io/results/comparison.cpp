@@ -189,7 +189,7 @@ Frame frame_named(const Rig& rig, const ParameterTable& table, const std::string
   if (const std::optional<Frame> found = find_frame(rig, table, name)) return *found;
   std::vector<std::string> names;
   for (const Frame& f : all_frames(rig, table)) names.push_back(f.name);
-  throw InputError(where + ": there is no frame '" + name + "' with a way to it from the base " +
+  throw InputError(where + ": there is no frame '" + name + "' connected to the base " +
                    rig.tree.links[rig.base] +
                    " (a link, sensor/NAME, or target/NAME of a mounted one)" +
                    nearest_names(name, names));

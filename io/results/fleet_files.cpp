@@ -300,7 +300,7 @@ void leave_out_other_robots(std::vector<OneResult>& all, Fleet& fleet) {
     else
       fleet.left_out.push_back(
           {one.result.path, text("it is of another robot: %zu of its %zu moving joints are among "
-                                 "those of most. Judge its kind by itself",
+                                 "those of most results. Judge robots of its kind separately",
                                  common, own.size())});
   }
   all = std::move(kept);

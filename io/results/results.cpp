@@ -178,7 +178,7 @@ std::string changes_text(const RigFile& rig_file, const UrdfChanges& changes,
            ", rpy: " + list_of(angles) + "}\n";
   }
   if (!reductions.empty()) {
-    out += "transmissions:  # mechanicalReduction, old / scale\n";
+    out += "transmissions:  # mechanicalReduction: new = old / scale\n";
     for (const Reduction& r : reductions)
       out += "  " + key_of(r.joint) + ": {scale: " + shortest(r.scale) +
              ", old: " + shortest(r.before) + ", new: " + shortest(r.after) + "}\n";

@@ -135,7 +135,7 @@ int read_mount_joint(const Field& field, const Tree& tree, int link) {
                                   (j < 0 ? ": the link is the robot's root"
                                          : ", for joint '" + tree.joints[j].name +
                                                "' above it is not fixed") +
-                                  "; leave the key away: the pose is calibrated then"
+                                  "; omit the key: the pose is then calibrated"
                             : comma_separated(valid)));
 }
 
@@ -358,7 +358,7 @@ Step read_step(const Field& field, const Names& sensors) {
   if (field.has("sensors")) {
     const Field list = field["sensors"];
     const Names patterns = list.strings();
-    if (patterns.empty()) list.fail("the step uses no sensor; leave the key away for all");
+    if (patterns.empty()) list.fail("the step uses no sensor; omit the key to use all");
     for (size_t i = 0; i < patterns.size(); ++i)
       for (int s : matching(list.item(i), patterns[i], sensors)) used[s] = 1;
   }
@@ -547,11 +547,11 @@ std::vector<NominalValue> read_nominal(const Field& field, const Rig& rig) {
     if (p->kind == ParameterKind::joint_origin &&
         (std::count(table.sensor_mount.begin(), table.sensor_mount.end(), origin) ||
          std::count(table.target_mount.begin(), table.target_mount.end(), origin)))
-      value.fail("a mount has no nominal value; take this entry away");
+      value.fail("a mount cannot have a nominal value; remove this entry");
     if (p->kind == ParameterKind::joint_origin) {
       nominal.pose = value.pose();
     } else if (p->pose) {
-      value.fail("a mount has no nominal value");
+      value.fail("a mount cannot have a nominal value; remove this entry");
     } else {
       nominal.numbers = value.node->kind == Node::Kind::scalar ? std::vector<double>{value.number()}
                                                                : value.vector();

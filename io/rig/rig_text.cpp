@@ -173,7 +173,7 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
       if (other && find_joint_model(rig.joint_models, now.model->name()) != now.model)
         throw InputError(
             rig.path + ": joints." + name +
-            ": has a joint model that a rig cannot name: its numbers cannot be written");
+            ": has a joint model that a rig cannot name: its parameters cannot be written");
       if (move || other) {
         const Node* own = joints.find(name);
         const bool named = other || (own && own->find("model"));

@@ -222,7 +222,7 @@ View read_view(const Field& field, const SampleJoints& joints, const Lookup& loo
   const Sensor& sensor = rig.sensors[view.sensor];
   const Target& target = rig.targets[view.target];
   if (sees_surfaces(*sensor.model) != (target.type == "plane"))
-    field.fail("sensors of type surface, and no others, see planes; '" + sensor.name + "' is a " +
+    field.fail("only sensors of type surface see planes; '" + sensor.name + "' is a " +
                sensor.type + ", '" + target.name + "' a " + target.type);
   const std::string payload = payload_of(sensor);
   check_payload(field, sensor.type, payload);
@@ -268,7 +268,7 @@ std::vector<double> read_joint_noise(const Field& field, const Field& readings,
     if (!(number > 0)) sigma.fail("a sigma above 0 is expected");
     if (!(rig.joints[joint].sigma > 0))
       sigma.fail("the rig takes the readings of joint '" + read_name(rig.tree, joint) +
-                 "' for exact: state its sigma there (joints: {" + read_name(rig.tree, joint) +
+                 "' as exact: state its sigma there (joints: {" + read_name(rig.tree, joint) +
                  ": {sigma: ...}})");
     noise[joint] = number / rig.joints[joint].sigma;
   };

@@ -157,7 +157,7 @@ std::string ModelEditor::mismatch(const MjcfBody& body, const BodyPlace& p) cons
     const MjcfJoint& joint = body.joints[i];
     if (i >= p.moving.size() ||
         (!joint.name.empty() && joint.name != names[i] && prefix_ + joint.name != names[i]))
-      return "joint '" + joint.name + "' is none of the robot's" + wants;
+      return "joint '" + joint.name + "' is not a joint of the robot" + wants;
     const bool slides = tree_.joints[p.moving[i]].type == JointType::prismatic;
     if (joint.type != (slides ? "slide" : "hinge"))
       return "joint '" + names[i] + "' is a " + joint.type + wants;
@@ -170,7 +170,7 @@ void ModelEditor::check_line(const MjcfJoint& joint, const JointLine& line, int 
   if ((joint.axis + line.axis).norm() < kRoundedModel)
     fail(xml_, joint.element,
          "turns the other way than " + name +
-             "; or is the body that it hangs on called as another link, which is turned?");
+             "; or does its body have the name of another link, which is turned?");
   if (!((joint.axis - line.axis).norm() < kRoundedModel))
     fail(xml_, joint.element,
          "its axis is " + rounded((joint.axis - line.axis).norm(), 3) + " rad from that of " +
@@ -223,7 +223,7 @@ void ModelEditor::place(size_t b) {
   BodyPlace& p = places_[b];
   const bool still = find_above(b);
   const int from = p.above >= 0 ? places_[p.above].link : tree_.root;
-  std::string why = still ? "" : "hangs on a joint that is none of the robot's";
+  std::string why = still ? "" : "hangs on a joint that the robot does not have";
   try {
     p.joints = find_path(tree_, from, p.link);
   } catch (const std::invalid_argument&) {
@@ -327,8 +327,9 @@ void ModelEditor::write_marks() {
           link < 0 ? std::nullopt : between(link, camera.link, robot_.after);
       if (!pose || !mark.still)
         fail(xml_, mark.element,
-             !mark.still ? "follows something (mode): a fixed one is expected"
-                         : "moves against link '" + tree_.links[camera.link] + "' of the sensor");
+             !mark.still
+                 ? "follows something (mode): a fixed one is expected"
+                 : "moves relative to link '" + tree_.links[camera.link] + "' of the sensor");
       found = true;
       cover(link, camera.link);
       write_pose(mark.element, mark.pose,
@@ -375,13 +376,13 @@ void ModelEditor::note_what_is_missing() {
     out_.notes.push_back("not in the model, their changes are left out: joints " +
                          comma_separated(missing));
   if (!prefix_.empty())
-    out_.notes.push_back("its names are those of the robot without '" + prefix_ + "'");
+    out_.notes.push_back("its names are the robot's names without '" + prefix_ + "'");
   if (rounded_ > kToldRounding)
     out_.notes.push_back(
         "its bodies were up to " + rounded(rounded_, 2) +
         " m or rad from the robot before the calibration: rounded values, which are exact now");
   if (!turned_.empty())
-    out_.notes.push_back("how they are turned is `quat` now: " + comma_separated(turned_));
+    out_.notes.push_back("orientations are written as `quat` now: " + comma_separated(turned_));
   if (!kept_.empty())
     out_.notes.push_back("bodies whose frames are not those of the links stay so on them: " +
                          comma_separated(kept_));
@@ -436,7 +437,8 @@ void ModelEditor::prove(const Mjcf& written) const {
       for (size_t i = 0; i < p.moving.size(); ++i)
         bodies[b] = bodies[b] * written.bodies[b].joints[i].motion(positions[p.moving[i]]);
       if (!(difference_of(bodies[b], shall) <= kProvedModel))
-        throw InputError(xml_.path + ": written, it would not mean the calibrated robot: body '" +
+        throw InputError(xml_.path +
+                         ": the written model would not describe the calibrated robot: body '" +
                          written.bodies[b].name + "' would be off by " +
                          rounded(difference_of(bodies[b], shall), 3) + " m or rad");
     }

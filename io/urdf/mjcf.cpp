@@ -52,7 +52,7 @@ void Reader::read_compiler(const pugi::xml_node& root) {
       fail(xml, element, "angle=\"" + angle + "\": degree or radian is expected");
     if (std::strcmp(element.attribute("coordinate").as_string("local"), "local") != 0)
       fail(xml, element,
-           "coordinate=\"global\": poses in the world's frame are not changed; let an older MuJoCo "
+           "coordinate=\"global\": poses in the world frame are not supported; let an older MuJoCo "
            "save the model with local ones");
     if (!element.attribute("eulerseq")) continue;
     compiler.eulerseq = element.attribute("eulerseq").value();
@@ -160,7 +160,8 @@ MjcfMark Reader::mark(const pugi::xml_node& element, int body, const Pose& body_
   for (const std::string& name : kMjcfRotations)
     if (const pugi::xml_node by = inherited(element, name.c_str()))
       fail(xml, by,
-           name + " of a class: how cameras and sites are turned has to stand in themselves");
+           name +
+               " of a class: the orientation of a camera or site must be given in its own element");
   const pugi::xml_node at = holder(element, "pos");
   return {element,
           element.attribute("name").value(),

@@ -256,7 +256,7 @@ void prove_urdf(const std::string& text, const Urdf& input, const std::vector<Po
       for (int j; (j = tree.joint_above[link]) >= 0 && compare(tree.joints[j].parent).matters();)
         link = tree.joints[j].parent;
       const Difference d = compare(link);
-      throw std::runtime_error("the written URDF does not mean the calibrated robot: link '" +
+      throw std::runtime_error("the written URDF does not describe the calibrated robot: link '" +
                                tree.links[link] + "' is off by " +
                                kincal::text("%.3g m and %.3g rad", d.metres, d.radians));
     }

@@ -51,7 +51,7 @@ Vector3d read_axis(const Xml& xml, const pugi::xml_node& joint) {
   Eigen::Vector4d q;
   const bool read = static_cast<bool>(in >> q(0) >> q(1) >> q(2) >> q(3)) && q.norm() > 0;
   fail(xml, origin,
-       "quat_xyzw is of URDF 1.1; URDF 1.0 is read, which has rpy" +
+       "quat_xyzw belongs to URDF 1.1; only URDF 1.0 is supported, which has rpy" +
            (read ? ": write rpy=\"" + shortest(rpy_from_rotation(rotation_from_quaternion(q))) +
                        "\" in its place"
                  : std::string()));

@@ -189,7 +189,7 @@ class ReasonFinder {
     if (left < kCancel) return lens() ? trade_off() : free_targets();
     out_.kind = "unknown";
     out_.why = "no single reason was found: " + names() +
-               " change the measurements, but nearly alike in these postures";
+               " change the measurements, but in nearly the same way in these postures";
     out_.cure = "record more and more varied postures, or fix " + first() + " or give it a prior";
   }
 
@@ -361,8 +361,8 @@ class ReasonFinder {
     } else if (lens()) {
       out_.kind = "lens";
       out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " is weakly determined") +
-                 ": the lens against where things are";
-      out_.cure = "views over the whole image and at different distances, or fix " + first();
+                 ": the lens against the positions";
+      out_.cure = "record views over the whole image and at different distances, or fix " + first();
     } else if (angles) {
       out_.why = names() +
                  " trade off: cameras measure angles and no fixed parameter is a length, so all "
@@ -430,8 +430,8 @@ class ReasonFinder {
 
   void finish(const std::vector<int>& joints) {
     if (const std::string number = base_choice(); joints.empty() && !number.empty()) {
-      out_.why += ", whatever the posture: where the base frame is and " + number +
-                  " is one number, and no measurement depends on it";
+      out_.why += ", whatever the posture: the position of the base frame and " + number +
+                  " are one unknown, and no measurement depends on it";
       out_.cure = "fix " + number + ", because the position of the base frame is a free choice";
       return;
     }

@@ -34,7 +34,7 @@ struct CannotStart {
 std::string undefined_text(const Recording& recording, const StepPlan& plan, int index) {
   if (index < 0)
     return "step '" + plan.name +
-           "': what is known of the parameters besides the samples is no number at the start. "
+           "': the prior terms are not finite at the initial values. "
            "Check the priors";
   const Sample& sample = recording.samples[index];
   std::string views;
@@ -43,7 +43,8 @@ std::string undefined_text(const Recording& recording, const StepPlan& plan, int
       views += (views.empty() ? "'" : ", '") + recording.rig.sensors[v.sensor].name + "' of '" +
                recording.rig.targets[v.target].name + "'";
   return "step '" + plan.name + "': in sample '" + sample.id +
-         "' a residual is undefined at the start: a point lies behind a camera, or a number is not "
+         "' a residual is undefined at the initial values: a point lies behind a camera, or a "
+         "number is not "
          "finite (a sigma is far too small, or a measured number far too large). Its views: " +
          views + ". Check poses, joint readings and the sensor's link";
 }

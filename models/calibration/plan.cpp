@@ -104,7 +104,7 @@ void place_priors(const ParameterTable& table, const Step& step,
       if (prior.split && !table.all[f.parameter].pose)
         throw std::invalid_argument(
             prior.where + ": '" + table.all[f.parameter].name +
-            "' is no pose: a number is expected, not {translation, rotation}");
+            "' is not a pose: a number is expected, not {translation, rotation}");
       const Freed* meant = find_freed(meant_free, f.parameter);
       const Freed* freed = find_freed(plan.free, f.parameter);
       for (int c : f.components) {
@@ -122,7 +122,7 @@ void place_priors(const ParameterTable& table, const Step& step,
     }
     if (!covers)
       throw std::invalid_argument(prior.where + ": '" + prior.pattern +
-                                  "' covers nothing that this step frees");
+                                  "' covers nothing that this step estimates");
   }
 }
 

@@ -42,9 +42,9 @@ struct DesignGoal {
 /// Returns the goal for the position of a frame relative to the base, over postures.
 DesignGoal frame_goal(const CalibratedRobot& robot, const Frame& frame,
                       const std::vector<Readings>& postures);
-/// Returns the goal for positions relative to sensors, over the views of the samples, all with
-/// equal weight: of a mounted target, or for a free target of the chain that holds it (else of the
-/// first sensor that sees it).
+/// Returns the goal for positions relative to sensors, with equal weight for each view of the
+/// samples. A view of a mounted target counts the position of that target; a view of a free target
+/// counts that of the chain that holds it, or else of the first sensor that sees it.
 DesignGoal sight_goal(const CalibratedRobot& robot, const std::vector<Sample>& samples);
 /// Returns the goal for some components, each in yardsticks (rig/scales.h).
 DesignGoal component_goal(const CalibratedRobot& robot, const std::vector<Component>& components);

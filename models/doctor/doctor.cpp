@@ -231,8 +231,8 @@ void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
   if (!now.complete() || !(now.per_dof() > Thresholds::no_noise)) return;
   for (Notice& f : findings)
     f.cure += text(
-        ". But there is another mistake, or a different one: the remaining chi2/dof %.3g is not "
-        "noise",
+        ". This does not explain everything: the remaining chi2/dof %.3g is not noise. Look for a "
+        "further mistake or a different one",
         now.per_dof());
 }
 

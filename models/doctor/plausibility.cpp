@@ -114,7 +114,7 @@ void check_images(const Rig& rig, const std::vector<PointCloud>& clouds, std::ve
                    "px, at (%.5g, %.5g) in sample ",
                    cloud.outside, cloud.points, width, height, cloud.beyond, cloud.u, cloud.v) +
               quoted(cloud.sample),
-          turned   ? "inside of it lie all if width and height are exchanged"
+          turned   ? "all lie inside it if width and height are exchanged"
           : larger ? "they look like points of an image twice as large"
                    : "",
           turned   ? "correct image_size, or exchange u and v of the points"
@@ -127,7 +127,8 @@ void check_images(const Rig& rig, const std::vector<PointCloud>& clouds, std::ve
           NoticeKind::resolution, {Subject::sensor(sensor.name)},
           "all points of camera " + quoted(sensor.name) +
               text(" lie in the upper left quarter of its image of %d x %d pixels: they are of "
-                   "images of half that size, or image_size is not what was detected in",
+                   "images of half that size, or image_size is not that of the images used for "
+                   "detection",
                    width, height),
           "", "make points, image_size and intrinsics those of one resolution"));
     } else if (const auto size = smaller_image(sensor, cloud);
@@ -155,8 +156,8 @@ void check_intrinsics(const Sensor& sensor, const PointCloud& cloud, std::vector
   // (With a centre in pixels; else the whole is of normalised coordinates.)
   if (plausible(k, width, height, 0.3) && std::max(k[0], k[1]) < kShortestFocal * width) {
     add("the focal lengths of camera " + quoted(sensor.name) +
-            text(", %.5g and %.5g, are next to nothing beside its image of %d x %d pixels", k[0],
-                 k[1], width, height),
+            text(", %.5g and %.5g, are far too small for its image of %d x %d pixels", k[0], k[1],
+                 width, height),
         "write pixels: millimetres have to be divided by the size of a pixel on the chip in "
         "millimetres");
     return;
@@ -170,7 +171,8 @@ void check_intrinsics(const Sensor& sensor, const PointCloud& cloud, std::vector
     if (cloud.outside == 0)  // else that says it
       add(begin +
               text("they suit one of %d x %d, and no point lies outside of that", height, width),
-          text("if the pictures are so, write image_size: [%d, %d]; if not, exchange cx and cy",
+          text("if the images have this size, write image_size: [%d, %d]; if not, exchange cx and "
+               "cy",
                height, width));
     return;
   }

@@ -223,7 +223,8 @@ const Mistake kViewMistakes[] = {
      "have y and z of their positions exchanged, but not of their rotations",
      "write \"xyz\": [x, y, z]", exchanged_axes<1, 2>},
     {NoticeKind::convention, "have y up in their positions, but not in their rotations",
-     "write \"xyz\": [x, -z, y], as the rotations are", [](Pose pose) {
+     "write \"xyz\": [x, -z, y], so that positions and rotations have the same axes",
+     [](Pose pose) {
        pose.translation = Vector3d(pose.translation(0), -pose.translation(2), pose.translation(1));
        return pose;
      }}};

@@ -260,7 +260,7 @@ void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples,
       h.where = {Subject::joint(tree.joints[b].name), Subject::joint(tree.joints[a].name)};
       h.mistake = "the readings of joint " + name + " are not its own angle but its " + given +
                   (sign > 0 ? " with" : " to") + " that of " + of +
-                  ", as of an arm whose motors turn its links against the base";
+                  ", as in an arm whose motors turn its links relative to the base";
       h.cure = std::string(sign > 0 ? "subtract" : "add") + " the reading of " + of +
                (sign > 0 ? " from" : " to") + " that of " + name + " in every sample";
       h.undo = [a, b, sign](Rig&, std::vector<Sample>& all) {
@@ -352,7 +352,7 @@ void add_gears(const Rig& rig, const ParameterTable& table, const ObservationInd
                            : "or the instrument that measures lengths (" + lengths +
                                  ") has a wrong scale, which looks the same: measure a known "
                                  "distance with both first. If it is the joint, correct it") +
-              " where readings are made (or state joints." + joint +
+              " where the readings are computed (or state joints." + joint +
               text(".scale: %.5g", found[0]) + " in the rig, or free " + name + ")");
     };
     out.push_back(std::move(h));

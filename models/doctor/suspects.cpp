@@ -333,9 +333,10 @@ Hypothesis turned_hypothesis(const Recording& recording, HalfTurn what, const Tu
   } else {
     h.mistake = count + (one ? " picture of " : " pictures of ") + of + (one ? " is" : " are") +
                 " turned by 180 degrees against the others" + which;
-    h.cure = "turn " + std::string(one ? "it" : "them") +
-             " back and detect again, or take width - 1 - u and height - 1 - v for u and v there" +
-             (what == HalfTurn::both ? ", and reverse the order of the points" : "");
+    h.cure =
+        "turn " + std::string(one ? "it" : "them") +
+        " back and detect again, or replace u and v there by width - 1 - u and height - 1 - v" +
+        (what == HalfTurn::both ? ", and reverse the order of the points" : "");
   }
   h.undo = [turned, what](Rig& rig, std::vector<Sample>& all) {
     for (Sample& sample : all)

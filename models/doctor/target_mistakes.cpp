@@ -413,9 +413,10 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples,
                   " in another order than the rig lists them: its first, second, ... are the "
                   "rig's points " +
                   list + " (counted from 0)";
-      h.cure = "list targets." + target.name +
-               ".points in the order in which they are measured, or give these numbers as ids of "
-               "the views";
+      h.cure =
+          "list targets." + target.name +
+          ".points in the order in which they are measured, or write these indices as ids into "
+          "the views";
       h.undo = [pair, order](Rig& r, std::vector<Sample>& all) {
         for (Sample& sample : all)
           for (View& v : sample.views)
@@ -609,7 +610,7 @@ std::optional<Hypothesis> moved_target(const Recording& recording, const TrialCo
   h.mistake = "target " + quoted(name) + " moved at sample " + quoted(best.first) + ": by " +
               text("%.3g mm", 1e3 * best.distance) + text(" and %.3g mrad", 1e3 * best.angle);
   h.cure =
-      "calibrate the samples before and after that separately; or give it a second entry in "
+      "calibrate the samples before and after the move separately; or give it a second entry in "
       "targets, with the same geometry and link and without pose, and name that one in the views "
       "from there on";
   h.free = free_of_copy(context, name);

@@ -83,7 +83,7 @@ std::optional<Changed> two_parts(const Recording& recording, const TrialContext&
       make_notice(NoticeKind::changed, {Subject::sample(first)},
                   "the samples up to " + quoted(last) + " and those from " + quoted(first) +
                       " on contradict each other: chi2/dof is " +
-                      text("%.3g of all, %.3g and %.3g of the two by themselves", now.per_dof(),
+                      text("%.3g for all, %.3g and %.3g for the two separately", now.per_dof(),
                            best[0].fit.per_dof(), best[1].fit.per_dof()),
                   "something changed in between: image size or lens setting, a joint that was "
                   "homed again, a camera, tracker or target that was bumped, or another robot",

@@ -122,9 +122,9 @@ void start_some(const Recording& recording, const std::vector<int>& samples,
       std::string types;
       if (found.empty() && no_view_tells_a_pose(rig, sample, target, used, types))
         throw std::runtime_error("sample '" + sample.id +
-                                 "': no start found for the pose of target '" +
-                                 rig.targets[target].name + "': what sees it (" + types +
-                                 ") does not determine its pose; let another sensor see it too, or "
+                                 "': no initial value found for the pose of target '" +
+                                 rig.targets[target].name + "': the sensors that see it (" + types +
+                                 ") do not determine its pose; let another sensor see it too, or "
                                  "mount it on a link with a pose");
       std::vector<std::pair<double, size_t>> order;
       for (size_t i = 0; i < found.size(); ++i) {
@@ -133,7 +133,7 @@ void start_some(const Recording& recording, const std::vector<int>& samples,
       }
       if (order.empty())
         throw std::runtime_error(
-            "sample '" + sample.id + "': no start found for the pose of target '" +
+            "sample '" + sample.id + "': no initial value found for the pose of target '" +
             rig.targets[target].name +
             "': at every pose that its views propose some point lies behind a camera");
       std::sort(order.begin(), order.end());

@@ -51,9 +51,9 @@ struct Evidence {
   MatrixXd rows;
   VectorXd seen;
 };
-/// Returns the evidence of normal equations N (x - at) = pull of the data alone. Directions with a
-/// sigma above `scale` (largest possible error, by component) are left out: they have no useful
-/// information, and no equation is linear over this distance.
+/// Makes Evidence of normal equations N (x - at) = pull that have no priors. Directions whose sigma
+/// exceeds `scale` (the largest possible error of each component) are left out: they have no useful
+/// information, and the linearisation does not hold over this distance.
 Evidence evidence(const MatrixXd& normal, const VectorXd& pull, const VectorXd& at,
                   const VectorXd& scale);
 

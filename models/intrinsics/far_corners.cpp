@@ -103,7 +103,7 @@ std::vector<IntrinsicsNote> notes_of(const std::string& camera,
   if (!corners.empty())
     out.push_back({"outlier_point", "'" + camera + "': corners far off the others: sample " +
                                         listed(corners, kNamedSamples) + "; they took no part" +
-                                        ". Take these corners out of the samples"});
+                                        ". Remove these corners from the samples"});
   return out;
 }
 

@@ -103,7 +103,7 @@ Sensor find_camera(const IntrinsicsOptions& options, OneCamera& camera,
       notes.push_back({"model", text("'%s': no lens can be tested with the held-out part of %zu "
                                      "samples%s: it is %s, as in the rig",
                                      name.c_str(), camera.samples->size(),
-                                     best ? ", for these do not determine a focal length" : "",
+                                     best ? ", because these do not determine a focal length" : "",
                                      given.name.c_str())});
   } else {
     out.model = options.model == "rig" ? &given : &find_lens(options.model);
@@ -435,7 +435,7 @@ void note_exchanged(const Rig& rig, const IntrinsicsResult& result, const Camera
       {"exchanged_cameras",
        quoted(own.name) + " was found on the other side of " + quoted(reference.name) +
            text(" than the rig has it, %.3g m away: the names of the two are exchanged in the "
-                "samples, or all pictures stand on their heads, or the rig has them the wrong way "
+                "samples, or all images are upside down, or the rig has them the wrong way "
                 "round. See which is which, and calibrate again",
                 found.norm())});
 }

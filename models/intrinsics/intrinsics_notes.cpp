@@ -223,12 +223,14 @@ double counted_share(double noise) { return noise > kSpoiltNoise ? kSpoiltNoise 
 std::string recording_advice(const FittedLens& fit) {
   if (fit.views < 3)
     return text(
-        "%ld view%s; a flat board tells two of the four intrinsics in each view: show it at least "
+        "%ld view%s; each view of a flat board determines two of the four intrinsics: show it at "
+        "least "
         "three times, turned differently",
         fit.views, fit.views == 1 ? "" : "s");
   if (fit.tilt < kNearlyParallel)
     return text(
-        "The boards of all views are parallel within %.2g degrees, so that the focal length goes "
+        "The boards of all views are parallel within %.2g degrees, so that the focal length trades "
+        "off "
         "with their distance: tilt the board by 20 to 45 degrees, to all sides",
         fit.tilt * 180 / kPi);
   return "Show the board tilted to all sides, near the edges of the image as well";
@@ -315,7 +317,7 @@ void note_far_corners(const FittedLens& fit, std::vector<IntrinsicsNote>& out) {
                        ". Take these corners out of the samples, and calibrate again"});
   if (far.views.empty() && far.corners.empty() && fit.noise > kSpoiltNoise)
     out.push_back({"noise", name + text("corners are off by %.3g px: wrong corners, a board that "
-                                        "is not as the rig has it, or a lens unlike %s",
+                                        "differs from the rig's, or a lens unlike %s",
                                         fit.noise, fit.lens.c_str())});
 }
 
@@ -346,7 +348,7 @@ void note_mirrored(const FittedLens& fit, std::vector<IntrinsicsNote>& out) {
       {"mirrored",
        "'" + rig.sensors[fit.sensor].name + "': board '" + board +
            "' is seen from behind in all views, or nearly: the pixels are mirrored, and the "
-           "principal point with them, or its corners are numbered so. " +
+           "principal point with them, or its corners are numbered in mirrored order. " +
            text("Of a mirrored picture, take %.0f - u for u (or likewise v); of corners numbered "
                 "from another side, number rows from the top and columns from the left: the lens "
                 "stays as it is then",
@@ -394,7 +396,7 @@ void note_image_size(const FittedLens& fit, std::vector<IntrinsicsNote>& out) {
     out.push_back(
         {"image_size",
          name + text("the rig states an image of %d x %d px, but ", width, height) + reach +
-             text(" only, and the principal point is (%.0f, %.0f), hardly the middle: were the "
+             text(" only, and the principal point (%.0f, %.0f) is far from the middle: were the "
                   "corners found in smaller pictures? State their image_size",
                   lens[2], lens[3])});
 }
@@ -415,7 +417,7 @@ std::vector<IntrinsicsNote> wrong_views(const Rig& rig, const std::vector<Sample
       out.push_back({"rows_columns", name + numbering});
     else if (middle_misfit(views) > kUnlikeBoard)
       out.push_back({"board", name + "what it sees is not board '" + target.name +
-                                  "' as the rig has it: see to its rows and columns, and to the "
+                                  "' as in the rig: check its rows and columns, and the "
                                   "order of the corners (row by row)"});
     else if (!strange.corners.empty())
       out.push_back(
@@ -444,11 +446,12 @@ std::vector<IntrinsicsNote> copied_views(const Rig& rig, const std::vector<Sampl
         copies.push_back(quoted(sample.id) + " (as " + quoted(seen.first->second) + ")");
     }
   if (copies.empty()) return {};
-  return {{"copied", "'" + rig.sensors[sensor].name +
-                         "': views that are the same as another one to the last digit: sample " +
-                         listed(copies, kNamedViews) +
-                         ". A copy tells nothing new but counts, so that sigmas are too small: "
-                         "take copies out of the samples"}};
+  return {{"copied",
+           "'" + rig.sensors[sensor].name +
+               "': views that are the same as another one to the last digit: sample " +
+               listed(copies, kNamedViews) +
+               ". A copy adds no information but counts as data, so that sigmas are too small: "
+               "remove copies from the samples"}};
 }
 
 IntrinsicsNote bent_boards(double flat, double bent, double most) {
@@ -456,19 +459,20 @@ IntrinsicsNote bent_boards(double flat, double bent, double most) {
       "bent",
       text("boards look bent, by up to %.2g mm: what was held out is off by %.3g px, and by %.3g "
            "px with boards that may be bent. Glue the board to something flat and record again, "
-           "or let it be bent: --warp",
+           "or estimate the warp: --warp",
            most * 1e3, flat, bent)};
 }
 
 std::vector<IntrinsicsNote> apart(const std::vector<std::string>& cameras, double alone,
                                   double together) {
   if (!(together > kSpoiltNoise && together > kFarApart * alone)) return {};
-  return {{"apart",
-           text("the views of cameras %s do not belong together: each camera by itself leaves %.2g "
-                "px, together they leave %.3g px. What is one sample is to be one moment: see "
-                "whether the pictures of one camera are in another order, or shifted",
-                listed(cameras, cameras.size()).c_str(), alone, together),
-           true}};
+  return {
+      {"apart",
+       text("the views of cameras %s do not belong together: each camera by itself leaves %.2g "
+            "px, together they leave %.3g px. All views of a sample must be of one moment: check "
+            "whether the pictures of one camera are in another order, or shifted",
+            listed(cameras, cameras.size()).c_str(), alone, together),
+       true}};
 }
 
 IntrinsicsNote another_lens(const AnotherLens& found) {
@@ -479,15 +483,15 @@ IntrinsicsNote another_lens(const AnotherLens& found) {
     return {"turned",
             which + text(" are turned by 180 degrees against the others: one lens leaves %.3g px "
                          "of all, and %.3g px where these are turned back. Turn these pictures or "
-                         "the others, whichever stand on their heads, detect again, and calibrate "
+                         "the others, whichever are upside down, detect again, and calibrate "
                          "again",
                          found.together, found.apart),
             true};
   return {"two_lenses",
           which + text(" are of another lens than the others: one lens leaves %.3g px of all, two "
                        "leave %.3g px. These are pictures of two cameras, or the lens was focused "
-                       "or zoomed, or pictures were cropped or scaled in between: calibrate what "
-                       "belongs together by itself",
+                       "or zoomed, or images were cropped or scaled in between: calibrate the "
+                       "two parts separately",
                        found.together, found.apart),
           true};
 }

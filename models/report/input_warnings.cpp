@@ -316,9 +316,9 @@ void warn_of_unseen(const Solution& solution, Notices& out) {
   add(unseen.given, false, none + "it keeps the rig's value, which predictions take as exact",
       "to estimate it, record samples that show it");
   add(unseen.open, true, test + "has no pose of it (the identity)",
-      "nothing, for boards of a test; to have its pose, let training samples show it");
+      "nothing, if it is only for tests; to have its pose estimated, let training samples show it");
   add(unseen.given, true, test + "keeps the rig's value, which predictions take as exact",
-      "nothing, for places of a test; to have it estimated, let training samples show it");
+      "nothing, if it is only for tests; to have it estimated, let training samples show it");
   if (!all.what.empty()) out.push_back(std::move(all));
 }
 
@@ -407,11 +407,11 @@ Notice identity_notice(const Solution& solution, const std::string& name) {
   std::string why = "one of its coordinates is fixed, or it has a prior";
   if (!held.empty()) why = "its " + listed(held, 6) + (held.size() > 1 ? " are" : " is") + " fixed";
   if (held.empty() && !prior.empty()) why = "it has a prior";
-  return make_notice(
-      NoticeKind::identity, {Subject::parameter(name)},
-      name + " is missing in the rig, and " + why +
-          ": the prior or the fixed value refers to the identity, which is unlikely to be its pose",
-      "", "give it a pose in the rig, or estimate all of it without a prior");
+  return make_notice(NoticeKind::identity, {Subject::parameter(name)},
+                     name + " is missing in the rig, and " + why +
+                         ": the fixed value or the prior is that of the identity, which is "
+                         "unlikely to be its pose",
+                     "", "give it a pose in the rig, or estimate all of it without a prior");
 }
 
 std::optional<Notice> counts_from_identity(const Solution& solution) {

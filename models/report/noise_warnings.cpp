@@ -135,7 +135,8 @@ std::vector<std::string> stated_noise_texts(const Report& report, Subjects& wher
   if (most < 1 && most < kOneFactor * least)
     return {begin + ": errors are smaller than stated",
             text("all sigmas were multiplied by %.2g (", most) + all +
-                "); the rig of the result has these. The estimates are the same with both" +
+                "); the rig of the result has the scaled sigmas. Stated and scaled sigmas give the "
+                "same estimates" +
                 noisier_joints_text(report) +
                 (noise_is_doubtful(report)
                      ? text(". If only some were stated too large, the sigmas of the result are up "

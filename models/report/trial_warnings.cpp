@@ -134,7 +134,7 @@ void warn_of_held_out(const Validation& validation, Notices& out) {
   if (!list.empty())
     out.push_back(make_notice(
         NoticeKind::held_out, {},
-        "on data that it did not use this calibration is worse than its mounts alone: " + list,
+        "on held-out data this calibration is worse than its mounts alone: " + list,
         "too many parameters are estimated for these data, or the arm's parameters absorb a "
         "mistake",
         "use only the mounts of the result, leave groups out (`no_group`), and look for mistakes "

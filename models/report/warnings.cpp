@@ -372,8 +372,9 @@ void warn_of_joint_models(const Report& report, Notices& out) {
                           shown_text(errors.rms_as_read, s.unit),
                       errors.rms_uncorrected / errors.rms_as_read});
     }
-    out.push_back(notice_of(NoticeKind::joint_model, "sensors err more where joints cannot bend",
-                            std::move(bent), bending_words(report), ""));
+    out.push_back(notice_of(NoticeKind::joint_model,
+                            "sensors have larger errors if joints cannot bend", std::move(bent),
+                            bending_words(report), ""));
     return;
   }
   for (size_t j = 0; j < rig.joints.size(); ++j) {

@@ -95,9 +95,9 @@ class Configuration {
 std::vector<int> joints_between(const Rig& rig, int a, int b, int except = -1);
 /// Returns the same for a view: between its sensor and its target (if this is free: the base).
 std::vector<int> joints_between(const Rig& rig, const View& view);
-/// Returns the joints whose readings determine the poses of a sensor (-1: none) and a target (-1:
-/// none; free ones need none) relative to the base. The sensor's scanning joint is omitted unless
-/// the target needs it.
+/// Returns the joints whose readings are needed for the poses of a sensor and a target relative to
+/// the base. -1 omits either; a free target needs no readings. The sensor's scanning joint is left
+/// out unless the target needs it.
 std::vector<int> needed_readings(const Rig& rig, int sensor, int target);
 /// Returns the joints whose readings a view of the sensor on the target needs: for a mounted target
 /// those between both (a joint that carries both cancels), for a free one needed_readings(). The

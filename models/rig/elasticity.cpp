@@ -15,9 +15,9 @@ Matrix3d root_R_base(const Rig& rig) {
   for (const PathStep& step : find_path(rig.tree, rig.tree.root, rig.base)) {
     const Joint& joint = rig.tree.joints[step.joint];
     if (!joint.is_rigid())
-      throw std::invalid_argument("elasticity: joint '" + joint.name + "' moves the base '" +
-                                  rig.tree.links[rig.base] +
-                                  "': no direction of gravity stays, choose a base that stands");
+      throw std::invalid_argument(
+          "elasticity: joint '" + joint.name + "' moves the base '" + rig.tree.links[rig.base] +
+          "': the direction of gravity changes; choose a base that does not move");
     root_T_base = root_T_base * pose_at_zero(joint);
   }
   return root_T_base.rotation;

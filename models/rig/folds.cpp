@@ -199,7 +199,7 @@ Folds deal_folds(const Rig& rig, const std::vector<Sample>& samples, int count) 
         (targets.empty() ? " training samples" : " parts of the training samples") +
         " that can be held out" +
         (targets.empty() ? "" : " (those of a target are held out together: " + targets + ")") +
-        ": at most as many folds, at least 2");
+        ": from 2 to that many folds are possible");
   for (size_t i = 0; i < samples.size(); ++i)
     if (samples[i].train)
       for (const Card& card : sorted)

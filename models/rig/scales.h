@@ -37,10 +37,10 @@ struct Scales {
 /// maker sets them.
 constexpr double kScanningOffset = 0.01, kScanningScale = 0.02;
 
-/// Returns the scales of a kind's components with this unit. Sizes that are shares count from
-/// `nominal`; with 1 they are shares. A unit without a row has the scales of the row without a
-/// unit; without that row all are infinite. Width and usual error of joint_shape are infinite,
-/// because each joint model has its own.
+/// Returns the scales of a kind's components with this unit. Scales that the table has as shares
+/// are multiplied by `nominal`; with 1 they stay shares. A unit without a row has the row without a
+/// unit; without that row all scales are infinite. Width and usual error of joint_shape are
+/// infinite, because each joint model has its own.
 Scales scales(ParameterKind kind, const std::string& unit, double nominal = 1);
 /// Returns the scales of a component. Shares count from its value (intrinsics: from fx). Width,
 /// usual error and yardstick of a joint model's further parameters are the model's (JointNumber).

@@ -162,8 +162,8 @@ constexpr int kMaxParameters = 20;
 using PointDerivatives =
     Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
 
-/// Fills in the derivatives of one point's residuals by the target's shape; d_r_d_p are those by
-/// the point.
+/// Fills in the derivatives of one point's residuals with respect to the target's shape; d_r_d_p
+/// are their derivatives with respect to the point.
 inline void point_rows(const ViewInput& view, const Columns& c, int i,
                        const PointDerivatives& d_r_d_p, const Matrix3d& sensor_R_target,
                        Eigen::Ref<RowMatrix>& L) {

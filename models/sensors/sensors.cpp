@@ -77,7 +77,7 @@ std::shared_ptr<const SensorModel> make_camera(Lens lens, int distortion_count) 
   if (lens == Lens::double_sphere && distortion_count == 2)
     return camera(LensCamera<DoubleSphere>(), nullptr);
   throw std::invalid_argument(
-      "distortion: pinhole takes 0 numbers, brown_conrady 5, 8, 12 or 14, kannala_brandt 4, "
+      "distortion: pinhole takes 0 coefficients, brown_conrady 5, 8, 12 or 14, kannala_brandt 4, "
       "unified "
       "5, double_sphere 2; not " +
       std::to_string(distortion_count));

@@ -77,7 +77,7 @@ std::vector<SensorTarget> views_of(const Rig& rig, const Posture& posture,
 
 void check_truth(const ParameterTable& table, const VectorXd& truth) {
   if (truth.size() != table.initial.size())
-    throw std::invalid_argument("the truth has another number of values than the rig");
+    throw std::invalid_argument("the truth has a different number of values than the rig");
   for (const Parameter& p : table.all)
     for (int c = 0; c < p.size(); ++c)
       if (const char* why = improper_value(p, c, truth(p.start + c)))

@@ -44,8 +44,8 @@ struct Restarts {
   std::vector<Minimum> minima;  // the result's own first, the others by cost
 };
 
-/// Runs the steps of a solution `count` times from other starts, the same ones every time. The
-/// options are those of the solution. nullopt: cancelled.
+/// Runs the steps of a solution `count` times, each from a different start; every call uses the
+/// same starts. `options` must be those of the solution. Returns nullopt if cancelled.
 std::optional<Restarts> restarts(const Solution& solution, const CalibrationOptions& options,
                                  int count);
 
