@@ -97,9 +97,10 @@ void race(const std::string& problem, std::vector<Contestant>& contestants, int 
     first.push_back(c.run());
     if (!first.back().converged)
       throw std::runtime_error(problem + ": " + c.name + " did not converge");
-    if (first.size() > 1) fastest_peer = std::min(fastest_peer, first.back().seconds);
+    if (first.size() > 1 && !std::isnan(first.back().start_cost))  // (another program's is NaN)
+      fastest_peer = std::min(fastest_peer, first.back().seconds);
     for (const auto& [what, difference, allowed] :
-         {std::make_tuple("at the start",  // (another program does not tell it)
+         {std::make_tuple("at the start",
                           std::isnan(first.back().start_cost)
                               ? 0
                               : relative_difference(first.back().start_cost, first[0].start_cost),

@@ -1126,7 +1126,7 @@ class Scales(Case):
         self.write("wrong.yaml", STEREO_HEAD % {"square": 0.05})
         result, text = self.calibrate(samples, rig="wrong.yaml")
         self.assertEqual(result["verdict"]["use"], "doubts")
-        self.assertRegex(result["verdict"]["text"], "^all lengths between sensors and targets came out 0.8[345]\\d? times those of the rig .* taken 1.(2|19)")
+        self.assertRegex(result["verdict"]["text"], "^all lengths between sensors and targets came out 0.8[345]\\d? times those of the rig .* assumed 1.(2|19)")
         self.assertIn("measure the spacing", result["verdict"]["next"][0])
         self.assertNotEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])  # what the doubt is about
 
