@@ -1,5 +1,6 @@
 /* kincal in C99: calibrates robots from texts in memory, and reads, evaluates and monitors results.
- * docs/c.md shows the use, by tasks; docs/formats.md has the formats, docs/reference.md the options.
+ * docs/c.md shows the use, by tasks; docs/formats.md has the formats, docs/reference.md the
+ * options.
  *
  * Handles are opaque. A function that creates a handle writes it only on success. Release it with
  * the ..._free() of its type, which accepts NULL. A call that fails changes neither its handles nor
