@@ -468,7 +468,7 @@ int run(int argc, char** argv) {
           ->needs(other);
   other->needs(cost);
   app.add_option("--other-cost-factor", settings.other.factor,
-                 "What that number is to be multiplied by (0.5 for sum |r|^2)")
+                 "Factor of that number (0.5 if it is sum |r|^2)")
       ->needs(other);
   app.add_option("--other-seconds", settings.other.seconds,
                  "The same for its time (s); without it: the CPU time of its process, reading "

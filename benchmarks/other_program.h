@@ -1,5 +1,4 @@
-// Another solver for files of Bundle Adjustment in the Large, as a program of its own that prints
-// what it found.
+// Another solver for files of Bundle Adjustment in the Large: a program that prints its final cost.
 #pragma once
 
 #include <string>

@@ -1,4 +1,4 @@
-// What the data determine: rank, covariance, and the unobservable directions.
+// Rank, covariance and unobservable directions of a linearised problem.
 //
 // Works on square roots throughout: each view's rows are compressed by QR, a group's private
 // unknowns are eliminated by an orthogonal factorisation with column pivoting (by rank: a block

@@ -29,8 +29,8 @@ T uncancelled(std::optional<T> found) {
 }
 
 /// A Progress is passed to every long computation. By default it has no listener and costs nothing.
-/// It allocates only when a part is named or a stage is reported. The listener
-/// is called on the caller's thread or on a worker, never by two threads at once.
+/// It allocates only when a part is named or a stage is reported. The listener is called on the
+/// caller's thread or on a worker, never by two threads at once.
 class Progress {
   static constexpr double kUntold = std::numeric_limits<double>::quiet_NaN();
 

@@ -6,7 +6,7 @@
 // Rotations that move no measured point are fixed: of a target of one point or points on a line,
 // and of a sensor that measures points at one place of its own frame only.
 //
-// Groups. Components of one kind, of which only the usual size of their errors is known:
+// Groups. Components of one kind whose errors are known only by their usual size:
 // x_i ~ N(0, t_i^2) around the rig's values, t_i = factor * start_i with one unknown factor a group
 // (widths.h), from the widths of the table of scales (rig/scales.h). Components of a kind are
 // assumed to be exchangeable.

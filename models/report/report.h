@@ -1,5 +1,5 @@
 // The result of a study: a solution with its analyses and trials. warnings() (warnings.h) then
-// collects what a user should know before using the result.
+// collects the facts that a user needs before using the result.
 #pragma once
 
 #include <limits>

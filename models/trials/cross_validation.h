@@ -58,7 +58,7 @@ std::optional<CrossValidation> cross_validate(const std::shared_ptr<const Record
                                               const FoldFit& fit = fit_all,
                                               const FoldJudge& also = nullptr);
 
-/// HeldOutBlocks are sums of squares and numbers of held-out points, by sample.
+/// HeldOutBlocks are sums of squares and counts of held-out points, by sample.
 using HeldOutBlocks = std::map<int, std::pair<double, long>>;
 HeldOutBlocks blocks(const CrossValidation& held_out);
 /// Returns their root mean square.

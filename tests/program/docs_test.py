@@ -12,7 +12,7 @@ documents name are options of the program; docs/reference.md has all of them, an
 mistakes included. The program of docs/adding-a-sensor.md compiles
 against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. The README's C++ compiles. No document names
 a path of one machine.
-Does not prove: that other shown output is today's (but for adding-a-sensor.md and on-a-robot.md), nor that what the text says is right.
+Does not prove: that other shown output is today's (but for adding-a-sensor.md and on-a-robot.md), nor that the text is right.
 """
 import contextlib
 import importlib.util
@@ -174,7 +174,7 @@ def is_printed(shown, printed):
 
 
 def check_demo(source, binary):
-    """What stands between the marks of the README: `$ COMMAND`, then what the program prints."""
+    """The block between the marks of the README: `$ COMMAND`, then the output of the program."""
     path = os.path.join(source, "README.md")
     with open(path, encoding="utf-8") as file:
         found = re.search(r"<!-- demo output -->\n```\w*\n(.*?)```\n<!-- end of demo output -->", file.read(), re.S)
