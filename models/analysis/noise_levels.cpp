@@ -355,53 +355,80 @@ Factors find_factors(const NoiseKinds& kinds, const RowsLeft& left) {
   return out;
 }
 
+/// Kinds of noise with one unknown factor, and the factor's logarithm now, from its guess.
+struct UnknownFactor {
+  std::vector<int> kinds;
+  double now = 0;
+};
+
+/// A factor for each kind without a stated value; with `stated_factor` one of all others, too.
+std::vector<UnknownFactor> unknown_factors(const NoiseKinds& kinds,
+                                           std::optional<double> stated_factor) {
+  std::vector<UnknownFactor> out;
+  UnknownFactor stated{{}, std::log(stated_factor.value_or(1))};
+  for (int g = 0; !kinds.is_priors(g); ++g) {
+    const NoiseLevel& level = kinds.levels[g];
+    if (level.rows == 0) continue;
+    if (level.guess > 0)
+      out.push_back({{g}, std::log(level.assumed / level.guess)});
+    else if (!kinds.sums[g].mixed)
+      stated.kinds.push_back(g);
+  }
+  if (stated_factor && !stated.kinds.empty()) out.push_back(std::move(stated));
+  return out;
+}
+
 /// Levels whose guesses may be off alike.
 bool are_alike(const NoiseLevel& a, const NoiseLevel& b) {
-  return a.joint >= 0 && b.joint >= 0 && a.unit == b.unit && a.part == b.part;
+  return a.joint >= 0 && b.joint >= 0 && a.unit == b.unit && a.part == b.part && a.guess > 0 &&
+         b.guess > 0;
 }
 
 /// Covariance of the guesses' errors, of their logarithms.
-MatrixXd guess_covariance(const NoiseKinds& kinds, const std::vector<int>& guessed) {
-  const auto n = static_cast<Eigen::Index>(guessed.size());
+MatrixXd guess_covariance(const NoiseKinds& kinds, const std::vector<UnknownFactor>& factors) {
+  const auto n = static_cast<Eigen::Index>(factors.size());
   MatrixXd out = MatrixXd::Zero(n, n);
   for (Eigen::Index i = 0; i < n; ++i)
     for (Eigen::Index j = 0; j < n; ++j)
-      if (const NoiseLevel& a = kinds.levels[guessed[i]], &b = kinds.levels[guessed[j]];
+      if (const NoiseLevel& a = kinds.levels[factors[i].kinds[0]],
+          &b = kinds.levels[factors[j].kinds[0]];
           i == j || are_alike(a, b))
         out(i, j) = kGuessSpread * kGuessSpread + (i == j ? kJointsDiffer * kJointsDiffer : 0);
   return out;
 }
 
-/// A step of scoring for the noise that nobody states, from the present sigmas on: `seen` and
-/// `uncertainty` of these levels.
-void estimate_guessed(NoiseKinds& kinds, const RowsLeft& left) {
-  std::vector<int> guessed;
-  for (int g = 0; !kinds.is_priors(g); ++g)
-    if (kinds.levels[g].guess > 0 && kinds.levels[g].rows > 0) guessed.push_back(g);
-  if (guessed.empty()) return;
-  const auto n = static_cast<Eigen::Index>(guessed.size());
+/// A step of scoring for unknown factors, from the present sigmas on: `seen` and `uncertainty` of
+/// these levels.
+void estimate_factors(NoiseKinds& kinds, const RowsLeft& left,
+                      const std::vector<UnknownFactor>& factors) {
+  if (factors.empty()) return;
+  const auto n = static_cast<Eigen::Index>(factors.size());
   const MatrixXd prior =
-      solve_symmetric(guess_covariance(kinds, guessed), MatrixXd::Identity(n, n));
-  VectorXd u(n), score(n), slope(n), hidden(n);
-  MatrixXd information(n, n);
+      solve_symmetric(guess_covariance(kinds, factors), MatrixXd::Identity(n, n));
+  MatrixXd sum = MatrixXd::Zero(left.q.size(), n);  // of the kinds of each factor
+  VectorXd now(n);
   for (Eigen::Index i = 0; i < n; ++i) {
-    const int g = guessed[i];
-    u(i) = std::log(kinds.levels[g].assumed / kinds.levels[g].guess);
-    score(i) = left.q(g) - left.redundancy(g);
-    const double f = std::min(left.spread(g), 1 / kLeastFactor);
+    now(i) = factors[i].now;
+    for (const int g : factors[i].kinds) sum(g, i) = 1;
+  }
+  const VectorXd q = sum.transpose() * left.q, redundancy = sum.transpose() * left.redundancy;
+  const MatrixXd information = 2 * sum.transpose() * left.s * sum;
+  VectorXd slope(n), hidden(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double spread = redundancy(i) > 0 ? q(i) / redundancy(i) : 1;
+    const double f = std::min(spread, 1 / kLeastFactor);
     slope(i) = f > 1 + 1e-6 ? std::sqrt((f - 1) / std::log(f)) : 1;
-    for (Eigen::Index j = 0; j < n; ++j) information(i, j) = 2 * left.s(g, guessed[j]);
-    hidden(i) = 2 * std::max(0.0, left.redundancy(g) - left.s(g, g));
+    hidden(i) = 2 * std::max(0.0, redundancy(i) - information(i, i) / 2);
   }
   MatrixXd step = slope.asDiagonal() * information * slope.asDiagonal();
   step.diagonal() += hidden;
-  const VectorXd d = solve_symmetric(step + prior, score - prior * u);
+  const VectorXd d = solve_symmetric(step + prior, q - redundancy - prior * now);
   const MatrixXd covariance = solve_symmetric(information + prior, MatrixXd::Identity(n, n));
-  for (Eigen::Index i = 0; i < n; ++i) {
-    NoiseLevel& level = kinds.levels[guessed[i]];
-    level.seen = level.assumed * std::exp(d(i));
-    level.uncertainty = std::sqrt(covariance(i, i));
-  }
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (const int g : factors[i].kinds) {
+      kinds.levels[g].seen = kinds.levels[g].assumed * std::exp(d(i));
+      kinds.levels[g].uncertainty = std::sqrt(covariance(i, i));
+    }
 }
 
 }  // namespace
@@ -420,7 +447,7 @@ namespace {
 std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, const VectorXd& state,
                                   const MatrixXd& covariance,
                                   const std::vector<ViewResiduals>& views,
-                                  const Progress& progress) {
+                                  std::optional<double> stated_factor, const Progress& progress) {
   NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
   add_residuals(problem.setup(), rig, views, kinds);
   const RowsLeft left = find_rows_left(problem, state, covariance, kinds, progress);
@@ -435,7 +462,7 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, con
     level.seen =
         std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
   }
-  estimate_guessed(kinds, left);
+  estimate_factors(kinds, left, unknown_factors(kinds, stated_factor));
   for (const NoiseLevel& level : kinds.levels)
     if (level.rows > 0) out.push_back(level);
   return out;
@@ -444,8 +471,9 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, con
 }  // namespace
 
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
-                                     const MatrixXd& covariance) {
-  return levels_of(problem, rig, state, covariance, problem.residuals(state), {});
+                                     const MatrixXd& covariance,
+                                     std::optional<double> stated_factor) {
+  return levels_of(problem, rig, state, covariance, problem.residuals(state), stated_factor, {});
 }
 
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
@@ -474,7 +502,7 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
 NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
                          const Progress& progress) {
   return {levels_of(at.problem(), at.solution.rig(), at.state(), at.observability().covariance,
-                    views, progress)};
+                    views, std::nullopt, progress)};
 }
 NoiseLevels noise_levels(const Linearisation& at) {
   return noise_levels(at, at.problem().residuals(at.state()));

@@ -40,7 +40,8 @@
 // single level correct, 1/2 ln f, at any distance. The redundancy of noise that is small beside
 // other noise falls with its variance, hence the second term: without it a step is far too long.
 // `seen` is the sigma after one further step,
-// its uncertainty the posterior's, sqrt((2 S + K^-1)^-1_gg).
+// its uncertainty the posterior's, sqrt((2 S + K^-1)^-1_gg). Levels with one common factor are one
+// such level: q, the redundancy and S are summed over them.
 //
 // With a loss rows contain the roots of its weights w, n_g = sum w, and q_g is divided by its value
 // for normal noise of the assumed size, b = E[w(s) s] / (m E[w(s)]), s chi-squared of the
@@ -52,6 +53,7 @@
 // Linear Models" (1999), section 3.6.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -96,8 +98,11 @@ NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResidual
 /// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and
 /// covariances as last renewed. `covariance` is that of the shared unknowns at the solution
 /// (observe()). In modes marginal and point only sensors without noisy joints can be estimated.
+/// With `stated_factor` all stated sigmas have one unknown factor, which is this now: a step of
+/// scoring moves them together, with the noise that is not stated.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
-                                     const MatrixXd& covariance);
+                                     const MatrixXd& covariance,
+                                     std::optional<double> stated_factor = std::nullopt);
 
 /// Returns each joint's reading noise over the noise stated in the rig, from a fit of mode latent
 /// that may contain gross outliers. The estimate is the median size of the joint's errors, each

@@ -65,33 +65,30 @@ Vector3d Scene::point(const VectorXd& values, int target, int id) const {
   return values.segment<3>(table().all[table().target_points[target]].start + 3 * id);
 }
 
-/// Joint `moved` stands `by` further than it does in the sample.
-double Scene::position(const VectorXd& values, const Seen& s, int joint, int moved,
-                       double by) const {
-  const Sample& sample = recording_.samples[s.sample];
-  const int own = driver(rig().tree, joint).joint;
-  double reading = sample.readings[own];
+/// The readings of a sample with the joints' errors, those of a scan in its middle. Joint `moved`
+/// stands `by` further.
+std::vector<double> Scene::readings(const Seen& s, int moved, double by) const {
+  std::vector<double> out = recording_.samples[s.sample].readings;
   const Sensor& sensor = rig().sensors[s.view->sensor];
-  if (sensor.scanning_joint == own && !s.view->z.empty()) {  // in the middle of the scan
-    reading = 0;
-    for (size_t i = 0; i < s.view->z.size(); i += 3)
-      reading += s.view->z[i] * 3 / static_cast<double>(s.view->z.size());
+  if (sensor.scanning_joint >= 0 && !s.view->z.empty()) {
+    double sum = 0;
+    for (size_t i = 0; i < s.view->z.size(); i += 3) sum += s.view->z[i];
+    out[sensor.scanning_joint] = 3 * sum / static_cast<double>(s.view->z.size());
   }
-  const auto error = values_.errors.find({s.sample, own});
-  if (error != values_.errors.end()) reading += error->second;
-  if (own == moved) reading += by;
-  return Configuration(rig(), table(), values, sample.readings).with(own, reading).position(joint);
+  for (auto error = values_.errors.lower_bound({s.sample, 0});
+       error != values_.errors.end() && error->first.first == s.sample; ++error)
+    out[error->first.second] += error->second;
+  if (moved >= 0) out[moved] += by;
+  return out;
 }
 
 Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved,
                   double by) const {
+  const std::vector<double> readings = this->readings(s, moved, by);
+  const Configuration robot(rig(), table(), values, readings);
   Pose begin_T_end;
-  const Configuration robot(rig(), table(), values, recording_.samples[s.sample].readings);
   for (const PathStep& step : path) {
-    const Joint& joint = rig().tree.joints[step.joint];
-    const double q = joint.moves() ? position(values, s, step.joint, moved, by) : 0;
-    const Pose next = robot.origin(step.joint) * Pose{robot.bend_of(step.joint), Vector3d::Zero()} *
-                      joint_motion(joint, q);
+    const Pose next = robot.origin(step.joint) * robot.motion(step.joint);
     begin_T_end = begin_T_end * (step.direction > 0 ? next : inverse(next));
   }
   return begin_T_end;

@@ -60,7 +60,7 @@ class Scene {
  private:
   void add(int sample, const View* view);
   Vector3d point(const VectorXd& values, int target, int id) const;
-  double position(const VectorXd& values, const Seen& s, int joint, int moved, double by) const;
+  std::vector<double> readings(const Seen& s, int moved, double by) const;
 
   const Recording recording_;
   const Values& values_;

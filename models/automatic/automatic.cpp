@@ -79,8 +79,12 @@ FurtherModel further_model(const Model& model, const FitWithGroups& fit) {
 }
 
 /// A model with what a trial found, begun where the best fit ended.
-Model grown(Model model, const FurtherTrial& trial, const FitWithGroups& best) {
+Model grown(Model model, const FurtherTrial& trial, const Calibrated& calibrated) {
+  const FitWithGroups& best = calibrated.fit;
+  model.recording = make_recording(
+      with_models_of(*calibrated.found.solution.recording, *model.recording));  // with its noise
   Begin& begin = model.options.begin;
+  begin.noise_factor = calibrated.found.noise_factor;
   for (const std::string& name : trial.groups)
     if (!is_among(begin.further, name)) begin.further.push_back(name);
   for (size_t g = 0; g < best.groups.groups.size(); ++g)
@@ -115,7 +119,7 @@ void bend_joints(Model& model, Calibrated& best) {
       next = std::move(one);
     }
     if (trial.groups.empty()) continue;
-    next = grown(std::move(next), trial, best.fit);
+    next = grown(std::move(next), trial, best);
     Calibrated found = calibrate_groups(next);
     if (!found.found.solution.usable() ||
         !std::all_of(trial.groups.begin(), trial.groups.end(),
@@ -144,7 +148,7 @@ void add_curves(Model& model, Calibrated& best) {
   FurtherTrial trial =
       try_model(best.fit, further_model(curved(names), best.fit), *best.found.solution.recording);
   while (!trial.groups.empty()) {
-    Model next = grown(curved(trial.groups), trial, best.fit);
+    Model next = grown(curved(trial.groups), trial, best);
     Calibrated found = calibrate_groups(next);
     if (!found.found.solution.usable()) return;
     const size_t before = trial.groups.size();

@@ -15,6 +15,7 @@ namespace {
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
 constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 30;
+constexpr int kFitIterations = 6;       // between two estimates of the noise
 constexpr double kNoiseAtRest = 0.005;  // change of noise that nobody states, relative
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
@@ -191,7 +192,9 @@ struct Learned {
   std::vector<OtherModel> other_models;
   EstimationSetup setup;                       // of the last fit
   std::shared_ptr<const Recording> recording;  // with the noise that was found
-  DataProblem data;                            // at the last fit, of that recording
+  double noise_factor = 1;
+  bool at_rest = false;
+  DataProblem data;  // at the last fit, of that recording
 };
 
 /// What the gears that were not asked for say at a fit without them: the gain of their group, and
@@ -247,6 +250,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   fit_options.solver.progress = options.progress.in("widths");
   bool settled = false;
   FixedPoint steps = noise_steps();
+  if (options.scale_noise) out.noise_factor = options.begin.noise_factor;
   for (int pass = 0;; ++pass) {
     const Recording& recording = *out.recording;
     options.progress.stage("widths, round " + std::to_string(pass + 1));
@@ -271,15 +275,20 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     factor = out.widths.factor;
     settled = settled || change < kSettled || pass + 1 == kLinearisations;
     if (!settled) continue;  // (what is far off would be taken for noise)
-    std::shared_ptr<const Recording> next = out.recording;
+    fit_options.solver.max_iterations = kFitIterations;
+    NoisyRecording next{out.recording, {}};
+    if (options.scale_noise) next.factor = out.noise_factor;
     const double moved = move_noise(data, out.problem, factor, steps, next);
-    if (moved < kNoiseAtRest || pass + 1 >= kNoiseRounds) {
+    out.at_rest = moved < kNoiseAtRest;
+    const bool ends = moved == 0 || (out.at_rest && out.outcome != Outcome::not_converged);
+    if (ends || pass + 1 >= kNoiseRounds) {
       judge_scales(recording, done, groups, out);
       out.setup = done.problem->setup();
       out.data = data;
       return out;
     }
-    out.recording = std::move(next);
+    out.recording = std::move(next.recording);
+    out.noise_factor = next.factor.value_or(1);
   }
 }
 
@@ -500,6 +509,8 @@ Calibrated calibrate_groups(const Model& model) {
   out.groups = told(groups, learned, selection, solution);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
+  out.noise_factor = learned.noise_factor;
+  out.noise_at_rest = learned.at_rest;
   const bool larger = solution.chi2_per_dof() > 1;  // residuals than stated
   return {std::move(out),
           {larger ? with_seen_noise(learned.data, learned.problem, learned.widths.factor,

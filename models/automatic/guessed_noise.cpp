@@ -9,6 +9,11 @@
 #include "../rig/numbers.h"
 
 namespace kincal {
+namespace {
+
+constexpr double kSmallestFactor = 0.1;  // of stated sigmas: ten times too large is a mistake
+
+}  // namespace
 
 std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, NoiseMode mode) {
   Rig rig = recording.rig;
@@ -40,31 +45,43 @@ FixedPoint noise_steps() {
 }
 
 double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
-                  FixedPoint& steps, std::shared_ptr<const Recording>& recording) {
-  const std::vector<JointSettings>& joints = recording->rig.joints;
-  const std::vector<Sensor>& sensors = recording->rig.sensors;
-  if (std::all_of(joints.begin(), joints.end(),
+                  FixedPoint& steps, NoisyRecording& noisy) {
+  const Rig& rig = noisy.recording->rig;
+  if (!noisy.factor &&
+      std::all_of(rig.joints.begin(), rig.joints.end(),
                   [](const JointSettings& j) { return j.noise_guess == 0; }) &&
-      std::all_of(sensors.begin(), sensors.end(),
+      std::all_of(rig.sensors.begin(), rig.sensors.end(),
                   [](const Sensor& s) { return s.noise_guess.empty(); }))
     return 0;
   const Posterior known = posterior(problem, factor, true);
   if (!known.defined) return 0;
   std::vector<NoiseLevel> levels =
-      noise_levels(*data.problem, recording->rig, data.state, known.covariance);
+      noise_levels(*data.problem, rig, data.state, known.covariance, noisy.factor);
   const auto count = static_cast<Eigen::Index>(levels.size());
-  VectorXd now = VectorXd::Zero(count), seen = now;  // logarithms
+  // Logarithms, last that of the factor.
+  VectorXd now = VectorXd::Zero(count + 1), seen = now;
   for (Eigen::Index i = 0; i < count; ++i) {
-    if (levels[i].guess == 0 || !std::isfinite(levels[i].seen)) continue;
-    now(i) = std::log(levels[i].assumed);
-    seen(i) = std::log(levels[i].seen);
+    if (!std::isfinite(levels[i].seen)) continue;
+    const double moved = std::log(levels[i].seen / levels[i].assumed);
+    if (levels[i].guess > 0) {
+      now(i) = std::log(levels[i].assumed);
+      seen(i) = now(i) + moved;
+    } else if (noisy.factor) {
+      now(count) = std::log(*noisy.factor);
+      seen(count) = std::clamp(now(count) + moved, std::log(kSmallestFactor), 0.0);
+    }
   }
-  const double moved = count ? (seen - now).cwiseAbs().maxCoeff() : 0;
+  const double moved = (seen - now).cwiseAbs().maxCoeff();
   if (moved == 0) return 0;
   const VectorXd next = steps.next(now, seen);
-  for (Eigen::Index i = 0; i < count; ++i)
-    levels[i].seen = levels[i].guess == 0 ? kNan : levels[i].assumed * std::exp(next(i) - now(i));
-  recording = make_recording(scale_noise(*recording, levels));
+  const double times = std::exp(next(count) - now(count));
+  if (noisy.factor) *noisy.factor *= times;
+  for (Eigen::Index i = 0; i < count; ++i) {
+    NoiseLevel& level = levels[i];
+    const double by = level.guess > 0 ? std::exp(next(i) - now(i)) : times;
+    level.seen = by == 1 ? kNan : level.assumed * by;
+  }
+  noisy.recording = make_recording(scale_noise(*noisy.recording, levels));
   return moved;
 }
 

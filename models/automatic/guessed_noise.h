@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "../../solver/fixed_point.h"
 #include "width_problem.h"
@@ -17,10 +18,16 @@ std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, 
 /// Returns what a calibration accelerates its steps of the noise with.
 FixedPoint noise_steps();
 
-/// Moves noise that nobody states towards what the data show of it, at a fit with these widths;
-/// returns by how much the data move it at most, of a logarithm. 0: all of it is stated.
+/// A recording whose noise is estimated.
+struct NoisyRecording {
+  std::shared_ptr<const Recording> recording;
+  std::optional<double> factor;  // of all stated sigmas, applied in it; none: they are right
+};
+
+/// Moves noise that is not stated, and the factor, towards what the data show, at a fit with these
+/// widths. Returns by how much the data move it at most, of a logarithm. 0: nothing is unknown.
 double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
-                  FixedPoint& steps, std::shared_ptr<const Recording>& recording);
+                  FixedPoint& steps, NoisyRecording& noisy);
 
 /// Returns the recording with stated noise as the data show it at a fit, where that is more.
 std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,

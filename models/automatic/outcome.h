@@ -41,6 +41,8 @@ struct AutomaticCalibration {
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::vector<OtherModel> other_models;
+  double noise_factor = 1;                // of all stated sigmas, with `scale_noise`
+  bool noise_at_rest = true;              // false: noise still changed in the last round
   std::shared_ptr<const Solution> rigid;  // the same without further models (further.h), if some
                                           // were kept that `begin` lacked
 };
@@ -50,11 +52,13 @@ struct Begin {
   std::vector<std::string> further;      // groups of further models that were kept (further.h)
   std::map<std::string, double> factor;  // of groups' widths; else 1
   std::optional<Values> start;           // start of the fit of everything; none: the mounts alone
+  double noise_factor = 1;  // of stated sigmas, by which the recording's are multiplied
 };
 
 struct AutomaticOptions : CalibrationOptions {
   GroupChoice groups;
   Begin begin;
+  bool scale_noise = false;  // all stated sigmas have one unknown factor, which is estimated
 };
 
 }  // namespace kincal

@@ -42,6 +42,7 @@ struct ViewColumns {
 struct SharedColumns {
   int width = 0;               // columns of L
   std::vector<int> kinematic;  // shared columns of the last columns of M
+  std::vector<int> runs;       // by these: how many from there on are neighbours; empty: not known
   std::vector<OwnColumn> own;
 
   bool operator==(const SharedColumns& other) const {
@@ -146,7 +147,16 @@ inline void add_shared(const SharedColumns& columns, const SharedSums& sums,
     const int a = to.row[columns.kinematic[j]];
     const double* block = sums.block + static_cast<size_t>(j) * sums.block_stride;
     const double* product = sums.product + static_cast<size_t>(j) * sums.product_stride;
-    for (int i = j; i < kin; ++i) add(a, to.row[columns.kinematic[i]], block[i]);
+    for (int i = j; i < kin;) {
+      const int b = to.row[columns.kinematic[i]], run = columns.runs.empty() ? 1 : columns.runs[i];
+      if (b < a || to.row[columns.kinematic[i + run - 1]] != b + run - 1) {
+        add(a, b, block[i++]);
+        continue;
+      }
+      double* row = to.shared + to.origin[a] + b;
+      for (int k = 0; k < run; ++k) row[k] += block[i + k];
+      i += run;
+    }
     for (const OwnColumn& own : columns.own)
       add(a, to.row[own.place], own.sign * product[own.column]);
     to.gradient[a] += product[columns.width];

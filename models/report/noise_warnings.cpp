@@ -50,25 +50,41 @@ std::string plain_digits(double value) {
   return text("%.*f", std::max(0, 1 - static_cast<int>(std::floor(std::log10(value)))), value);
 }
 
-/// Joints that the data show to be noisier than one factor for all sigmas makes them, with what is
-/// seen: only sensors have been stated too noisy then, and what the joints decide is known less
-/// well than it is said.
-std::vector<std::string> noisier_joints(const Report& report) {
-  constexpr double kNoisier = 2;
-  std::vector<std::string> joints;
-  for (const NoiseLevel& level : report.noise_levels)
-    if (level.joint >= 0 && level.guess == 0 && level.seen > kNoisier * level.used)
-      joints.push_back(level_name(level) + text(" (%.2g ", level.seen) + level.unit + ")");
-  return joints;
+/// How many times noisier than it is used a stated level may be: as the data show it, or as much as
+/// they leave open (95 %), at most as stated.
+double times_noisier(const NoiseLevel& level) {
+  const double stated = level.assumed / level.used;
+  if (!std::isfinite(level.seen)) return stated;
+  const double seen = level.seen / level.used;
+  return std::max(seen, std::min(stated, seen * std::exp(2 * level.uncertainty)));
 }
 
-std::string noisier_joints_text(const Report& report) {
-  const std::vector<std::string> joints = noisier_joints(report);
-  return joints.empty() ? ""
-                        : ". But joints look noisier than that, so sigmas may be too small: " +
-                              listed(joints, kNamed) +
-                              ". State the true sigmas of the sensors, or let the noise be "
-                              "estimated (`estimate_noise`)";
+/// Stated levels that may be twice as noisy as one factor for all sigmas makes them: only others
+/// have been stated too noisy then, and sigmas of the result are too small. `most`: how many times.
+std::vector<std::string> noisier_levels(const Report& report, double& most) {
+  constexpr double kNoisier = 2;
+  std::vector<std::string> out;
+  most = 1;
+  for (const NoiseLevel& level : report.noise_levels) {
+    if (level.guess > 0 || !(times_noisier(level) > kNoisier)) continue;
+    most = std::max(most, times_noisier(level));
+    out.push_back(level_name(level) + text(" (up to %.2g ", times_noisier(level) * level.used) +
+                  level.unit + ")");
+  }
+  return out;
+}
+
+std::string noisier_text(const Report& report) {
+  double most;
+  const std::vector<std::string> levels = noisier_levels(report, most);
+  return levels.empty() ? ""
+                        : text(
+                              ". Sigmas of the result may be up to %.2g times too small, because "
+                              "the data allow more noise than that: ",
+                              most) +
+                              listed(levels, kNamed) +
+                              ". State the true sigmas, or let the noise be estimated "
+                              "(`estimate_noise`)";
 }
 
 /// How much of what was stated is used, of the levels of a report: the least and the most.
@@ -137,12 +153,7 @@ std::vector<std::string> stated_noise_texts(const Report& report, Subjects& wher
             text("all sigmas were multiplied by %.2g (", most) + all +
                 "); the rig of the result has the scaled sigmas. Stated and scaled sigmas give the "
                 "same estimates" +
-                noisier_joints_text(report) +
-                (noise_is_doubtful(report)
-                     ? text(". If only some were stated too large, the sigmas of the result are up "
-                            "to %.2g times too small",
-                            1 / most)
-                     : "")};
+                (noise_is_doubtful(report) ? noisier_text(report) : "")};
   return {
       (taken_for_noise(report) ? "residuals are larger than the stated noise allows (" + begin + ")"
                                : begin) +
@@ -232,7 +243,7 @@ std::string own_errors_words(const Report& report) {
 }
 
 bool noise_is_doubtful(const Report& report) {
-  constexpr double kLowered = 0.5, kLarger = 1.25;  // chi2/dof
+  constexpr double kLarger = 1.25;  // chi2/dof
   if (blamed_for_joints(report)) return true;
   if (!report.noise_estimated || !std::isfinite(report.noise_estimated->stated)) return false;
   if (report.noise_estimated->stated > kLarger && any_stated_is_larger(report)) return true;
@@ -240,8 +251,9 @@ bool noise_is_doubtful(const Report& report) {
   for (const NoiseLevel& level : report.noise_levels)
     if (level.guess == 0) kinds.insert(level.joint >= 0 ? "joints" : level.unit);
   const auto [least, most] = used_shares(report);
+  double times;
   return kinds.size() > 1 && most < 1 && most < kOneFactor * least &&
-         (most < kLowered || !noisier_joints(report).empty());
+         !noisier_levels(report, times).empty();
 }
 
 void warn_of_trends(const Report& report, Notices& out) {
@@ -366,8 +378,8 @@ void warn_of_noise(const Report& report, Notices& out) {
   }
   if (!report.noise_estimated->converged)
     all.push_back(
-        "the noise was estimated in " + std::to_string(report.noise_estimated->count) +
-        " rounds and did not converge: model errors are attributed to noise of changing sources");
+        "the estimate of the noise did not converge: model errors are attributed to noise of "
+        "changing sources");
   for (const NoiseLevel& level : report.noise_levels)
     if (level.own_views > 0 && level.used != level.assumed && level.first == 0)
       all.push_back(level.of + ": " + std::to_string(level.own_views) +

@@ -251,23 +251,24 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
   }
 }
 
-/// Residuals smaller than stated: all sigmas by the same factor, which leaves the estimates where
-/// they are. (Levels of their own would take what the model lacks for noise of this or that joint,
-/// and let go of its readings.)
+/// Residuals smaller than stated: all stated sigmas by the same factor, which leaves the estimates
+/// where they are. (Levels of their own would take what the model lacks for noise of this or that
+/// joint, and let go of its readings.)
 void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report& report) {
-  const std::shared_ptr<const Recording> first = report.solution.recording;
   std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
-  double factor = 1;
-  while (rounds.count < kLevelRounds && !rounds.converged) {  // noise that nobody states follows
-    factor = std::max(factor * std::sqrt(report.solution.chi2_per_dof()), 1 / kLargestFactor);
-    for (NoiseLevel& level : levels)
-      if (level.guess == 0) level.used = level.assumed * factor;
-    if (!calibrate_with(*first, levels, options, report)) return;
-    ++rounds.count;
-    rounds.converged = std::abs(std::log(report.solution.chi2_per_dof())) < 2 * kLevelsAtRest ||
-                       factor == 1 / kLargestFactor;
-    report.noise_estimated = rounds;
-  }
+  AutomaticOptions automatic = automatic_options(options);
+  automatic.begin = begin_at(report.solution, report.automatic);
+  automatic.scale_noise = true;
+  AutomaticCalibration found =
+      uncancelled(calibrate_automatically(*report.solution.recording, automatic));
+  if (!found.solution.usable()) return;
+  rounds.count = 1;
+  rounds.converged = found.noise_at_rest;
+  report.noise_estimated = rounds;
+  for (NoiseLevel& level : levels)
+    if (level.guess == 0) level.used = level.assumed * found.noise_factor;
+  take(std::move(found), report);
+  report.noise_levels = std::move(levels);
 }
 
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
@@ -468,9 +469,15 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   std::vector<ViewResiduals> views = at.problem().residuals(at.state());
   const std::vector<NoiseLevel> levels = noise_levels(at, views, progress.between(0.3, 0.6));
   if (!report.noise_estimated) report.noise_levels = levels;
-  for (NoiseLevel& level : report.noise_levels)  // what nobody states is as it was found last
-    for (const NoiseLevel& now : levels)
-      if (level.guess > 0 && now.of == level.of && now.part == level.part) level = now;
+  for (NoiseLevel& level : report.noise_levels)  // as the data show it at last
+    for (const NoiseLevel& now : levels) {
+      if (now.of != level.of || now.part != level.part) continue;
+      const NoiseLevel before = level;
+      level = now;
+      if (before.guess > 0) continue;
+      level.assumed = before.assumed;
+      level.used = before.used;
+    }
   report.residuals = residuals(at, std::move(views), progress.between(0.4, 1));
   if (report.rigid) add_uncorrected(*report.rigid, report.residuals);
   report.deflections = deflections(report.solution);

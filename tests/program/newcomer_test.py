@@ -538,7 +538,7 @@ class Words(Case):
         samples = self.simulate(TRACKER.replace("sigma: 5.0e-05", "sigma: 1.0e-05"), TRACKER_TRUTH, samples=30, out="sharp")
         self.write("rig.yaml", TRACKER.replace("sigma: 5.0e-05", "sigma: 1.2e-04"))
         found, = self.warnings(self.calibrate(samples)[0], "noise")
-        self.assertRegex(found, "But joints look noisier than that, so sigmas may be too small: joint/.*--estimate-noise")
+        self.assertRegex(found, "Sigmas of the result may be up to .* times too small, because the data allow more noise than that: .*joint/.*--estimate-noise")
 
     def test_sensors_stated_too_noisy_beside_right_joints_are_a_doubt(self):
         """One factor for all sigmas makes those of the joints too small: the verdict says so, and what to state makes it good."""

@@ -167,6 +167,42 @@ TEST_CASE("noise levels: a scaled rig sees the same noise") {
   }
 }
 
+TEST_CASE("noise levels: one factor of all stated sigmas ends where chi2 is the redundancy") {
+  Setting s = nasty_in(NoiseMode::latent, Loss(), 14, 6, 0.002);
+  const VectorXd state = solved(s);
+  const std::vector<NoiseLevel> first =
+      noise_levels(*s.problem, s.rig, state, observe(*s.problem, state).covariance);
+  // All sigmas are stated four times too large. (The minimum stays, so chi2 falls by 16.)
+  const double stated = 4;
+  double factor = stated, by = 0;
+  for (int round = 0; round < 40 && std::abs(by - 1) > 1e-6; ++round) {
+    Setting now = scaled(s, first, factor);
+    const VectorXd at = solved(now);
+    const std::vector<NoiseLevel> levels = noise_levels(
+        *now.problem, now.rig, at, observe(*now.problem, at).covariance, factor / stated);
+    by = levels[0].seen / levels[0].assumed;
+    for (const NoiseLevel& level : levels) CHECK(level.seen == Approx(by * level.assumed));
+    factor *= by;
+  }
+  Setting now = scaled(s, first, factor);
+  const VectorXd at = solved(now);
+  double squares = 0, redundancy = 0;
+  for (const ViewResiduals& r : now.problem->residuals(at)) squares += r.whitened.squaredNorm();
+  for (const NoiseLevel& l :
+       noise_levels(*now.problem, now.rig, at, observe(*now.problem, at).covariance))
+    redundancy += l.redundancy;
+  MatrixXd rows;
+  std::vector<NoiseRows> whose;
+  for (size_t g = 0; g < now.problem->groups().size(); ++g) {  // and the joints' errors
+    now.problem->noise_rows(static_cast<int>(g), at, rows, whose);
+    for (const NoiseRows& w : whose)
+      if (w.joint >= 0)
+        squares += rows.col(rows.cols() - 1).segment(w.first, w.count).squaredNorm();
+  }
+  // The prior of a guess (a factor of four) draws by less than a hundredth of that.
+  CHECK(squares / redundancy == Approx(1).epsilon(0.01));
+}
+
 TEST_CASE("noise levels: the minimum is the same whatever all sigmas are, and known as one") {
   Setting s = nasty_in(NoiseMode::latent, Loss(), 14, 6, 0.002);
   const VectorXd state = solved(s);
