@@ -444,12 +444,17 @@ bool NoiseLevel::differs() const {
 
 namespace {
 
-std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, const VectorXd& state,
-                                  const MatrixXd& covariance,
-                                  const std::vector<ViewResiduals>& views,
+/// The kinds of noise of a problem, with the residuals of its views.
+NoiseKinds kinds_in(const Estimation& problem, const Rig& rig,
+                    const std::vector<ViewResiduals>& views) {
+  NoiseKinds out = find_kinds(problem.setup(), rig, problem.shared_size());
+  add_residuals(problem.setup(), rig, views, out);
+  return out;
+}
+
+std::vector<NoiseLevel> levels_of(const Estimation& problem, const VectorXd& state,
+                                  const MatrixXd& covariance, NoiseKinds kinds,
                                   std::optional<double> stated_factor, const Progress& progress) {
-  NoiseKinds kinds = find_kinds(problem.setup(), rig, problem.shared_size());
-  add_residuals(problem.setup(), rig, views, kinds);
   const RowsLeft left = find_rows_left(problem, state, covariance, kinds, progress);
   const Factors factors = find_factors(kinds, left);
   std::vector<NoiseLevel> out;
@@ -473,7 +478,8 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const Rig& rig, con
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
                                      const MatrixXd& covariance,
                                      std::optional<double> stated_factor) {
-  return levels_of(problem, rig, state, covariance, problem.residuals(state), stated_factor, {});
+  return levels_of(problem, state, covariance, kinds_in(problem, rig, problem.residuals(state)),
+                   stated_factor, {});
 }
 
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
@@ -501,8 +507,8 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
 
 NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
                          const Progress& progress) {
-  return {levels_of(at.problem(), at.solution.rig(), at.state(), at.observability().covariance,
-                    views, std::nullopt, progress)};
+  return {levels_of(at.problem(), at.state(), at.observability().covariance,
+                    kinds_in(at.problem(), at.solution.rig(), views), std::nullopt, progress)};
 }
 NoiseLevels noise_levels(const Linearisation& at) {
   return noise_levels(at, at.problem().residuals(at.state()));
