@@ -119,8 +119,8 @@ export function fitCard(result: Result): HTMLElement {
     h('p', { class: 'figure' }, h('b', {}, digits(ratio)), h('span', {}, ' chi²/dof')),
     ratio !== null ? gauge(ratio, ok) : null,
     h('p', { class: 'small' }, noise
-      ? `1: the residuals are as large as the noise. The noise was estimated from the same data, so a value near 1 proves little${noise.stated == null ? '' : `; with the noise stated in the rig, chi²/dof is ${digits(noise.stated)}`}.`
-      : `1: the residuals are as large as the noise stated in the rig. Here ${word}.`));
+      ? `1 is right: residuals as large as the noise. The noise was estimated from the same data, so a value near 1 proves little${noise.stated == null ? '' : `; with the noise stated in the rig, chi²/dof is ${digits(noise.stated)}`}.`
+      : `1 is right: residuals as large as the noise stated in the rig.${ok ? '' : ` Here ${word}.`}`));
 }
 
 /** Sigmas assume the stated noise: where the residuals are larger, the uncertainty is larger as well. */
@@ -187,5 +187,5 @@ export function firstScreen(context: Context): HTMLElement {
       why ? sentence(why) : `Status: ${result.status ?? 'unknown'}.`, `What to do: ${sentence(first ?? 'nothing')}`),
     h('div', { class: 'cards' }, beforeAfterCard(context), fitCard(result), weakCard(result)),
     reasons.length ? h('div', { class: 'reasons' }, h('h2', {}, 'Why'), h('ul', { class: 'held' }, ...reasons.map((reason) => h('li', {}, sentence(capital(reason)))))) : null,
-    actions('Then', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'No parameter was fixed', names: [] }], 'Nothing else.'));
+    actions('Next steps', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'No parameter was fixed', names: [] }], 'Nothing else.'));
 }
