@@ -54,12 +54,9 @@ std::string stages_table(const StageErrors& stages) {
       out += "\n  " + row.sensor + ": rigid " + rms;
       continue;
     }
-    std::string added;
-    for (const std::string& name : row.added)
-      if (name.compare(0, kCurve.size(), kCurve) != 0)
-        added += (added.empty() ? "" : ", ") + name;
-      else if (added.find("curves") == std::string::npos)
-        added += added.empty() ? "curves" : ", curves";
+    const std::string added = row.added.size() == 1
+                                  ? row.added[0]
+                                  : std::to_string(row.added.size()) + " curves";  // one at a time
     out += ", + " + added + " " + rms + " (x " + value(row.ratio);
     if (std::isfinite(row.of_ratio.low))
       out += ", 95 % " + value(row.of_ratio.low) + " to " + value(row.of_ratio.high);

@@ -230,7 +230,16 @@ void take(AutomaticCalibration found, Report& report) {
     if (stage.further.empty()) report.stages.clear();
     report.stages.push_back(std::move(stage));
   }
-  if (kept.empty()) report.stages.clear();
+  const auto is_kept = [&](const std::string& g) {
+    return std::count(kept.begin(), kept.end(), g);
+  };
+  report.stages.erase(  // those with a model that was lost later, or with all of them
+      std::remove_if(report.stages.begin(), report.stages.end(),
+                     [&](const Stage& stage) {
+                       return stage.further.size() >= kept.size() ||
+                              !std::all_of(stage.further.begin(), stage.further.end(), is_kept);
+                     }),
+      report.stages.end());
   report.rigid = report.stages.empty() ? nullptr : report.stages.front().solution;
 }
 
