@@ -91,7 +91,7 @@ export function curvesSection(context: Context): Section | null {
   const stages = validation?.stages;
   if (!bending && !curves && !tried?.length && !stages) return null;
   return section('curves', 'Joints: curves and bending',
-    'Errors that a URDF cannot express: joints that bend under weight, and joints whose error is a curve over the angle. Each was added only if it improved the prediction of samples left out of the fit. rig.yaml has them; kincal compensate corrects readings for them.',
+    `Errors that a URDF cannot express: joints that bend under weight, and joints whose error is a curve over the angle. ${tried?.length ? 'A model is kept only if it improves the prediction of samples left out of the fit. ' : ''}rig.yaml has them; kincal compensate corrects readings for them.`,
     (host) => {
       if (stages?.rows?.length) host.append(stageTable(stages.rows, stages.from ?? 'test'));
       else if (tried?.some((one) => one.outcome === 'kept')) host.append(missing('No samples were held out, so the gain of each model is not known: calibrate with --holdout 4 or --cross-validate 5.'));
