@@ -128,7 +128,7 @@ int main(int argc, char** argv) try {
       {"batch", [&] { return batch_command(app, line, arguments); }},
       {"evaluate", [&] { return evaluate_command(app, line); }},
       {"monitor", [&] { return monitor_command(app); }},
-      {"plan", [&] { return plan_command(app); }},
+      {"plan", [&] { return plan_command(app, line); }},
       {"verify", [&] { return verify_command(app, line); }},
       {"diff", [&] { return diff_command(app); }},
       {"fleet", [&] { return fleet_command(app); }},

@@ -22,7 +22,7 @@ Command batch_command(CLI::App& app, const std::string& command_line,
 Command check_command(CLI::App& app, const std::string& command_line);
 Command evaluate_command(CLI::App& app, const std::string& command_line);
 Command monitor_command(CLI::App& app);
-Command plan_command(CLI::App& app);
+Command plan_command(CLI::App& app, const std::string& command_line);
 Command verify_command(CLI::App& app, const std::string& command_line);
 Command simulate_command(CLI::App& app);
 Command apply_command(CLI::App& app);

@@ -14,12 +14,15 @@ namespace {
 struct PlanArguments {
   std::string rig, samples, out, postures;
   PlanSettings settings;
+  PageSettings page;
   double clearance = 20;  // mm
   bool no_clearance = false, json = false, force = false, quiet = false;
 };
 
-int plan(const PlanArguments& a) {
+int plan(PlanArguments a) {
+  a.page.force = a.force;
   check_output_file(a.out, a.force);
+  check_page_file(a.page);
   const RigFile rig_file = read_rig(rig_path(a.rig));
   PlanSettings settings = a.settings;
   settings.clearance = a.no_clearance ? -1 : a.clearance / 1000;
@@ -39,13 +42,18 @@ int plan(const PlanArguments& a) {
   else if (!a.quiet)
     std::cout << plan_text(made) << made.postures.size() << " postures written to " << a.out
               << ", in an order with short moves.\n";
+  if (!a.page.file.empty())
+    write_page(a.page,
+               plan_files(rig_file, made, record_of(a.page.command, samples ? samples->hash : "")),
+               !a.json && !a.quiet);
   return made.tolerance && made.needed < 0 ? kToleranceNotMet : kConverged;
 }
 
 }  // namespace
 
-Command plan_command(CLI::App& app) {
+Command plan_command(CLI::App& app, const std::string& command_line) {
   auto a = std::make_shared<PlanArguments>();
+  a->page.command = command_line;
   CLI::App* command = app.add_subcommand(
       "plan", "Choose the postures to record next, and predict the accuracy they give");
   command->add_option("RIG", a->rig, "rig.yaml, or a result directory")->required();
@@ -83,8 +91,12 @@ Command plan_command(CLI::App& app) {
   command->add_flag("--no-clearance", a->no_clearance, "do not check for collisions between links");
   command->add_option("--seed", a->settings.seed, "the same seed makes the same candidates")
       ->capture_default_str();
+  command
+      ->add_option("--report", a->page.file,
+                   "write a page (HTML) with the forecast and the robot in each posture")
+      ->type_name("FILE");
   command->add_flag("--json", a->json, "print the forecast as JSON");
-  command->add_flag("--force", a->force, "replace an existing file");
+  command->add_flag("--force", a->force, "replace existing files");
   command->add_flag("--quiet", a->quiet, "print nothing");
   command->footer(
       "Candidates are random postures in which a sensor sees a whole target for all mounts within "

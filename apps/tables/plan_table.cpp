@@ -83,4 +83,17 @@ std::string automatic_table(const std::vector<AutomaticGroup>& groups) {
   return align(rows, 2);
 }
 
+std::string dropped_text(const std::vector<TriedGroup>& tried) {
+  std::string out;
+  for (const TriedGroup& one : tried) {
+    const char* why = one.outcome == TriedGroup::Outcome::no_better_held_out
+                          ? "no better on held-out samples"
+                      : one.outcome == TriedGroup::Outcome::too_few_samples ? "too few samples"
+                                                                            : "no evidence";
+    if (one.outcome != TriedGroup::Outcome::kept)
+      out += (out.empty() ? "" : ", ") + one.name + " (" + why + ")";
+  }
+  return out.empty() ? "" : "  tried and dropped: " + out + "\n";
+}
+
 }  // namespace kincal

@@ -16,5 +16,8 @@ std::string plan_table(const std::vector<StepPlan>& plans, const ParameterTable&
 std::string automatic_plan(const AutomaticGroups& groups, const ParameterTable& table);
 /// Shows what it found: widths, how many numbers the data determine, evidence.
 std::string automatic_table(const std::vector<AutomaticGroup>& groups);
+/// Returns a line with the groups of bending and error curves that were tried without effect; "":
+/// none.
+std::string dropped_text(const std::vector<TriedGroup>& tried);
 
 }  // namespace kincal

@@ -354,7 +354,7 @@ std::string report_text(const Report& report, const ResultFiles& files) {
   }
   if (!report.automatic.empty())
     out += "\nGroups of parameters that may be wrong (the rig has no `estimate`)\n" +
-           automatic_table(report.automatic);
+           automatic_table(report.automatic) + dropped_text(report.tried);
   const bool converged = report.solution.status != Status::not_converged;
   out += std::string("\nResiduals (rms") + (converged ? "" : "; a step did not converge") + ")\n" +
          residual_table(report.residuals.sensors, true) +

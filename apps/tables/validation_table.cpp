@@ -44,6 +44,29 @@ std::string baselines_table(const Baselines& b) {
          "; a ratio above 1: this is worse)\n" + align(rows, 2);
 }
 
+/// The stages of the calibration, a line a sensor: each with its ratio to the stage before.
+std::string stages_table(const StageErrors& stages) {
+  std::string out;
+  for (const StageError& row : stages.rows) {
+    const Unit unit = shown(row.unit);
+    const std::string rms = value(row.rms, unit.factor) + " " + unit.name;
+    if (std::isnan(row.ratio)) {
+      out += "\n  " + row.sensor + ": rigid " + rms;
+      continue;
+    }
+    const std::string added = row.added.size() == 1
+                                  ? row.added[0]
+                                  : std::to_string(row.added.size()) + " curves";  // one at a time
+    out += ", + " + added + " " + rms + " (x " + value(row.ratio);
+    if (std::isfinite(row.of_ratio.low))
+      out += ", 95 % " + value(row.of_ratio.low) + " to " + value(row.of_ratio.high);
+    out += ")";
+  }
+  return std::string("\nWithout and with bending and curves (rms as read, ") +
+         (stages.cross_validated ? "cross-validated" : "held out") +
+         "; x: ratio to the one before)" + out + "\n";
+}
+
 /// What predictions of frames assume on the automatic path; "": nothing.
 std::string assumption_text(const std::vector<AutomaticGroup>& groups) {
   constexpr size_t kMost = 3;
@@ -125,6 +148,7 @@ std::string validation_table(const Report& report) {
       out += "  never held out (the only data of a sensor, target or joint): " + never + "\n";
   }
   if (v.baselines) out += baselines_table(*v.baselines);
+  if (v.stages) out += stages_table(*v.stages);
   if (!v.frames.empty()) {
     out += "\nFrames relative to " + v.frames[0].base +
            " (predicted sigma over postures; last column: with the noise of one reading of each "

@@ -14,6 +14,7 @@
 #include "../../models/rig/random_stream.h"
 #include "../../models/rig/words.h"
 #include "../results/comparison.h"
+#include "../results/input_files.h"
 #include "../rig/samples_file.h"
 #include "../rig/simulation_file.h"
 #include "../urdf/boxes.h"
@@ -318,6 +319,26 @@ void set_forecast(const Before& before, const std::vector<SampleRows>& rows, con
         std::ceil(static_cast<double>(design.chosen.size()) * (last - rest) / (limit - rest)));
 }
 
+/// The robot before, with the chosen postures as its samples.
+void set_assumed(const Before& before, const Simulation& candidates, PosturePlan& plan) {
+  Solution& out = plan.assumed;
+  out.initial = out.values.shared = before.robot.values;
+  std::map<std::string, int> candidate;
+  for (size_t i = 0; i < candidates.samples.size(); ++i)
+    candidate[candidates.samples[i].id] = static_cast<int>(i);
+  std::vector<Sample> samples;
+  for (const Posture& posture : plan.postures) {
+    const int at = candidate.at(posture.id), place = static_cast<int>(samples.size());
+    for (auto it = candidates.targets.lower_bound({at, -1});
+         it != candidates.targets.end() && it->first.first == at; ++it)
+      out.values.targets[{place, it->first.second}] = it->second;
+    samples.emplace_back();
+    samples.back().id = posture.id;
+    samples.back().readings = posture.readings;
+  }
+  out.recording = make_recording(before.recording->with_samples(std::move(samples)));
+}
+
 }  // namespace
 
 PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
@@ -389,6 +410,7 @@ PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
   for (const Posture& posture : of.postures) by_id[posture.id] = &posture;
   for (const int i : design.chosen) plan.postures.push_back(*by_id.at(of.simulation.samples[i].id));
   plan.postures = short_to_drive(plan.postures);
+  set_assumed(before, of.simulation, plan);
   return plan;
 }
 
@@ -431,6 +453,22 @@ Json plan_json(const PosturePlan& plan) {
           {"candidates", plan.candidates},
           {"left_out", left_out},
           {"notes", plan.notes}};
+}
+
+ResultFiles plan_files(const RigFile& rig_file, const PosturePlan& plan,
+                       const ResultOptions& record) {
+  const Rig& rig = plan.assumed.rig();
+  Json json = plan_json(plan), views = Json::array();
+  for (const Posture& posture : plan.postures) {
+    Json of = Json::array();
+    for (const auto& [sensor, target] : posture.views)
+      of.push_back({rig.sensors[sensor].name, rig.targets[target].name});
+    views.push_back(std::move(of));
+  }
+  json["views"] = std::move(views);
+  Report report;
+  report.solution = plan.assumed;
+  return page_files("plan", rig_file, record, report, {{"plan", json}});
 }
 
 namespace {

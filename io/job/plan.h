@@ -9,6 +9,7 @@
 #include "../../models/design/design.h"
 #include "../../models/simulation/posture.h"
 #include "../results/json_values.h"
+#include "../results/results.h"
 #include "job.h"
 #include "simulate.h"
 
@@ -41,6 +42,7 @@ struct PosturePlan {
   int candidates = 0;
   std::vector<std::pair<std::string, int>> left_out;  // why, and how many candidates
   std::vector<std::string> notes;
+  Solution assumed;  // the robot as it is known before; its samples are `postures`, without points
 };
 
 /// Plans postures for a calibration of this rig, after these samples (null: there are none).
@@ -51,6 +53,9 @@ PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
 /// One JSON line a posture, as --postures takes them.
 std::string postures_text(const Rig& rig, const std::vector<Posture>& postures);
 Json plan_json(const PosturePlan& plan);
+/// The texts of the page of a plan: the forecast, and the robot in each posture.
+ResultFiles plan_files(const RigFile& rig_file, const PosturePlan& plan,
+                       const ResultOptions& record);
 std::string plan_text(const PosturePlan& plan);
 
 }  // namespace kincal

@@ -17,8 +17,23 @@ Report as_it_is(const std::shared_ptr<const Recording>& recording) {
   return out;
 }
 
-ResultFiles files(const char* kind, const RigFile& rig_file, const ResultOptions& record,
-                  const Report& report, const Json& found) {
+/// What was measured, without anything that it is compared with.
+std::vector<ViewResiduals> measured(const Recording& recording) {
+  std::vector<ViewResiduals> out;
+  for (size_t i = 0; i < recording.samples.size(); ++i)
+    for (const View& view : recording.samples[i].views) {
+      const SensorModel& model = *recording.rig.sensors[view.sensor].model;
+      const int blocks = model.blocks(static_cast<int>(view.ids.size()));
+      const VectorXd unknown = VectorXd::Constant(blocks * model.rows(), kNan);
+      out.push_back({&view, static_cast<int>(i), unknown, unknown});
+    }
+  return out;
+}
+
+}  // namespace
+
+ResultFiles page_files(const char* kind, const RigFile& rig_file, const ResultOptions& record,
+                       const Report& report, const Json& found) {
   Json json = {{"kind", kind},
                {"kincal", record.version},
                {"input",
@@ -38,28 +53,13 @@ ResultFiles files(const char* kind, const RigFile& rig_file, const ResultOptions
   return out;
 }
 
-/// What was measured, without anything that it is compared with.
-std::vector<ViewResiduals> measured(const Recording& recording) {
-  std::vector<ViewResiduals> out;
-  for (size_t i = 0; i < recording.samples.size(); ++i)
-    for (const View& view : recording.samples[i].views) {
-      const SensorModel& model = *recording.rig.sensors[view.sensor].model;
-      const int blocks = model.blocks(static_cast<int>(view.ids.size()));
-      const VectorXd unknown = VectorXd::Constant(blocks * model.rows(), kNan);
-      out.push_back({&view, static_cast<int>(i), unknown, unknown});
-    }
-  return out;
-}
-
-}  // namespace
-
 ResultFiles evaluation_files(const RigFile& rig_file,
                              const std::shared_ptr<const Recording>& recording,
                              const Evaluation& evaluation, const Notices& warnings,
                              const ResultOptions& record) {
   Report report = as_it_is(recording);
   report.residuals.after = evaluation.views;
-  return files("evaluation", rig_file, record, report, evaluation_json(evaluation, warnings));
+  return page_files("evaluation", rig_file, record, report, evaluation_json(evaluation, warnings));
 }
 
 ResultFiles check_files(const RigFile& rig_file, const std::shared_ptr<const Recording>& recording,
@@ -70,7 +70,7 @@ ResultFiles check_files(const RigFile& rig_file, const std::shared_ptr<const Rec
   found["said"] = found["verdict"];
   found.erase("verdict");
   found["explained"] = explained;
-  return files("check", rig_file, record, report, found);
+  return page_files("check", rig_file, record, report, found);
 }
 
 }  // namespace kincal

@@ -113,6 +113,21 @@ Json baselines_json(const Baselines& b) {
   return {{"from", b.cross_validated ? "cross_validation" : "test"}, {"rows", sensors}};
 }
 
+Json stages_json(const StageErrors& stages) {
+  Json rows = Json::array();
+  for (const StageError& row : stages.rows)
+    rows.push_back({{"added", row.added},
+                    {"sensor", row.sensor},
+                    {"unit", row.unit},
+                    {"points", row.points},
+                    {"blocks", row.blocks},
+                    {"by", row.by_target ? "target" : "sample"},
+                    {"rms", number(row.rms)},
+                    {"ratio", number(row.ratio)},
+                    {"ratio_95", interval(row.of_ratio)}});
+  return {{"from", stages.cross_validated ? "cross_validation" : "test"}, {"rows", rows}};
+}
+
 /// What was asked for.
 Json validation_json(const Validation& v) {
   Json out = Json::object();
@@ -135,6 +150,7 @@ Json validation_json(const Validation& v) {
                                {"sensors", held_out_table(c.sensors)}};
   }
   if (v.baselines) out["baselines"] = baselines_json(*v.baselines);
+  if (v.stages) out["stages"] = stages_json(*v.stages);
   if (!v.frames.empty()) out["frames"] = Json::object();
   for (const FrameReport& f : v.frames) {
     Json workspaces = Json::object();
@@ -339,6 +355,42 @@ Json bending_json(const Report& report) {
   return out;
 }
 
+Json curves_json(const Report& report) {
+  Json out = Json::object();
+  for (const JointCurve& c : report.curves) {
+    const Joint& joint = report.solution.rig().tree.joints[c.joint];
+    out[joint.name] = {{"unit", joint.type == JointType::prismatic ? "m" : "rad"},
+                       {"rms", number(c.rms)},
+                       {"reading", numbers(c.reading)},
+                       {"error", numbers(c.error)},
+                       {"sigma", numbers(c.sigma)}};
+  }
+  return out;
+}
+
+const char* outcome_name(TriedGroup::Outcome outcome) {
+  switch (outcome) {
+    case TriedGroup::Outcome::kept:
+      return "kept";
+    case TriedGroup::Outcome::no_evidence:
+      return "no_evidence";
+    case TriedGroup::Outcome::no_better_held_out:
+      return "no_better_held_out";
+    case TriedGroup::Outcome::too_few_samples:
+      return "too_few_samples";
+    default:
+      return "lost";
+  }
+}
+
+Json tried_list(const std::vector<TriedGroup>& tried) {
+  Json out = Json::array();
+  for (const TriedGroup& one : tried)
+    out.push_back(
+        {{"group", one.name}, {"gain", number(one.gain)}, {"outcome", outcome_name(one.outcome)}});
+  return out;
+}
+
 }  // namespace
 
 std::string status_name(Status status) {
@@ -433,7 +485,9 @@ Json result_json(const Report& report) {
     json["automatic"] = automatic_list(report.automatic);
     json["held"] = held_list(report.automatic);
   }
+  if (!report.tried.empty()) json["tried"] = tried_list(report.tried);
   if (!report.deflections.empty()) json["bending"] = bending_json(report);
+  if (!report.curves.empty()) json["curves"] = curves_json(report);
   json["rejected"] = Json::array();
   for (const Rejected& r : report.rejected) {
     Json one = {{"sample", r.sample}};

@@ -94,8 +94,37 @@ Model grown(Model model, const FurtherTrial& trial, const Calibrated& calibrated
   return model;
 }
 
+/// What was tried, and the calibrations before what was kept.
+struct FurtherRecord {
+  std::vector<TriedGroup> tried;
+  std::vector<Stage> stages;
+
+  /// Adds the outcome of a trial. Of two trials of a group: the one that was kept, else the one
+  /// with the larger gain.
+  void add(const std::vector<TriedGroup>& outcomes) {
+    for (const TriedGroup& one : outcomes) {
+      const auto known = std::find_if(tried.begin(), tried.end(),
+                                      [&](const TriedGroup& t) { return t.name == one.name; });
+      const bool kept = one.outcome == TriedGroup::Outcome::kept;
+      if (known == tried.end())
+        tried.push_back(one);
+      else if (kept != (known->outcome == TriedGroup::Outcome::kept) ? kept
+                                                                     : one.gain > known->gain)
+        *known = one;
+    }
+  }
+  void set_lost(const std::string& name) {
+    for (TriedGroup& t : tried)
+      if (t.name == name) t.outcome = TriedGroup::Outcome::lost;
+  }
+  void add_stage(const Model& model, const Calibrated& before) {
+    stages.push_back(
+        {model.options.begin.further, std::make_shared<const Solution>(before.found.solution)});
+  }
+};
+
 /// Compliances about the axes, then those across them, then loads.
-void bend_joints(Model& model, Calibrated& best) {
+void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> tried = best.fit.groups.further;
   const auto& kept = model.options.begin.further;
   for (const std::string name : {kCompliance, kComplianceAcross, kLoads}) {
@@ -114,6 +143,7 @@ void bend_joints(Model& model, Calibrated& best) {
       one.options.begin.further.push_back(name);
       FurtherTrial found =
           try_model(best.fit, further_model(one, best.fit), *best.found.solution.recording);
+      record.add(found.tried);
       if (found.groups.empty() || found.gain <= trial.gain) continue;
       trial = std::move(found);
       next = std::move(one);
@@ -123,15 +153,18 @@ void bend_joints(Model& model, Calibrated& best) {
     Calibrated found = calibrate_groups(next);
     if (!found.found.solution.usable() ||
         !std::all_of(trial.groups.begin(), trial.groups.end(),
-                     [&](const std::string& g) { return is_kept(found.found, g); }))
+                     [&](const std::string& g) { return is_kept(found.found, g); })) {
+      for (const std::string& g : trial.groups) record.set_lost(g);
       continue;
+    }
+    record.add_stage(model, best);
     model = std::move(next);
     best = std::move(found);
   }
 }
 
 /// Error curves of the joints.
-void add_curves(Model& model, Calibrated& best) {
+void add_curves(Model& model, Calibrated& best, FurtherRecord& record) {
   std::vector<std::string> names;
   for (const std::string& name : best.fit.groups.further)
     if (!is_bending(name)) names.push_back(name);
@@ -147,16 +180,21 @@ void add_curves(Model& model, Calibrated& best) {
   model.options.progress.stage("error curves of joints");
   FurtherTrial trial =
       try_model(best.fit, further_model(curved(names), best.fit), *best.found.solution.recording);
+  record.add(trial.tried);
   while (!trial.groups.empty()) {
     Model next = grown(curved(trial.groups), trial, best);
     Calibrated found = calibrate_groups(next);
-    if (!found.found.solution.usable()) return;
-    const size_t before = trial.groups.size();
-    trial.groups.erase(
-        std::remove_if(trial.groups.begin(), trial.groups.end(),
-                       [&](const std::string& g) { return !is_kept(found.found, g); }),
-        trial.groups.end());
-    if (trial.groups.size() < before) continue;
+    const bool usable = found.found.solution.usable();
+    std::vector<std::string> kept;
+    for (const std::string& g : trial.groups)
+      if (usable && is_kept(found.found, g))
+        kept.push_back(g);
+      else
+        record.set_lost(g);
+    const bool all = kept.size() == trial.groups.size();
+    trial.groups = std::move(kept);
+    if (!all) continue;
+    record.add_stage(model, best);
     model = std::move(next);
     best = std::move(found);
     return;
@@ -181,12 +219,11 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   Model model{again ? make_recording(given) : without_added(given), options};
   Calibrated best = calibrate_groups(model);
   if (best.found.solution.usable()) {
-    std::shared_ptr<const Solution> rigid;
-    if (model.options.begin.further.empty())
-      rigid = std::make_shared<const Solution>(best.found.solution);
-    bend_joints(model, best);
-    add_curves(model, best);
-    if (!model.options.begin.further.empty()) best.found.rigid = std::move(rigid);
+    FurtherRecord record;
+    bend_joints(model, best, record);
+    add_curves(model, best, record);
+    best.found.tried = std::move(record.tried);
+    best.found.stages = std::move(record.stages);
   }
   return std::move(best.found);
 } catch (const Cancelled&) {

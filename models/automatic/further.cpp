@@ -226,15 +226,23 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   for (int group = first; group < factor.size(); ++group) {
     const WidthProblem one = alone(at, factor, first, group);
     const Widths learned = best_widths(one);
+    out.tried.push_back({with.groups.groups[group].name});
     if (!learned.defined) continue;
     factor(group) = learned.factor(0);
     const double gain = evidence_gain(one, learned, 0);
+    out.tried.back().gain = gain;
     if (gain >= kEvidence) gaining.push_back({-gain, group});
   }
   if (gaining.empty()) return out;
   std::sort(gaining.begin(), gaining.end());
   std::vector<int> order;
-  for (const auto& entry : gaining) order.push_back(entry.second);
+  const auto set_outcome = [&](int group, TriedGroup::Outcome outcome) {
+    out.tried[static_cast<size_t>(group - first)].outcome = outcome;
+  };
+  for (const auto& entry : gaining) {
+    order.push_back(entry.second);
+    set_outcome(entry.second, TriedGroup::Outcome::too_few_samples);
+  }
   std::vector<NormalPart> parts;
   try {
     const Folds folds = deal_folds(folded.rig, folded.samples, kFolds);
@@ -242,8 +250,10 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   } catch (const std::invalid_argument&) {  // fewer blocks than folds
     return out;
   }
+  for (const int group : order) set_outcome(group, TriedGroup::Outcome::no_better_held_out);
   for (const int group : cross_validated(at, parts, factor, first, order)) {
     const std::string& name = with.groups.groups[group].name;
+    set_outcome(group, TriedGroup::Outcome::kept);
     out.groups.push_back(name);
     out.factor[name] = factor(group);
     for (const auto& entry : gaining)

@@ -26,6 +26,7 @@
 #include <string>
 #include <vector>
 
+#include "outcome.h"
 #include "width_problem.h"
 
 namespace kincal {
@@ -65,6 +66,7 @@ struct FurtherTrial {
   std::vector<std::string> groups;
   std::map<std::string, double> factor;  // of their widths
   double gain = 0;
+  std::vector<TriedGroup> tried;  // all groups of the model
 };
 /// `folded` is the recording with the steps that were run: its folds are those of the trial.
 FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,

@@ -9,6 +9,7 @@
 
 #include "../analysis/gauges.h"
 #include "../calibration/calibration.h"
+#include "../rig/numbers.h"
 #include "groups.h"
 #include "other_models.h"
 
@@ -34,6 +35,26 @@ struct AutomaticGroup {
   bool held = false;  // all of them are fixed
 };
 
+/// A TriedGroup is a group of further models (further.h) that was tried, with the outcome.
+struct TriedGroup {
+  enum class Outcome {
+    kept,
+    no_evidence,         // of the data of the fit
+    no_better_held_out,  // held-out samples do not fit better with it
+    too_few_samples,     // to hold some out
+    lost                 // its evidence, when everything was calibrated with it
+  };
+  std::string name;
+  double gain = kNan;  // log evidence when it was tried; NaN: not defined
+  Outcome outcome = Outcome::no_evidence;
+};
+
+/// A Stage is the calibration before the next further model was added.
+struct Stage {
+  std::vector<std::string> further;  // groups that it has
+  std::shared_ptr<const Solution> solution;
+};
+
 struct AutomaticCalibration {
   Solution solution;                   // its recording has the steps that were run
   VectorXd mounts;                     // shared values with the mounts alone estimated, as `groups`
@@ -41,10 +62,11 @@ struct AutomaticCalibration {
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::vector<OtherModel> other_models;
-  double noise_factor = 1;                // of all stated sigmas, with `scale_noise`
-  bool noise_at_rest = true;              // false: noise still changed in the last round
-  std::shared_ptr<const Solution> rigid;  // the same without further models (further.h), if some
-                                          // were kept that `begin` lacked
+  double noise_factor = 1;    // of all stated sigmas, with `scale_noise`
+  bool noise_at_rest = true;  // false: noise still changed in the last round
+  std::vector<TriedGroup> tried;
+  std::vector<Stage> stages;  // before each further model that was kept and that `begin` lacked;
+                              // without such a model none
 };
 
 /// The start of a calibration that was made before with other noise.

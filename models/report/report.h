@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../analysis/deflections.h"
+#include "../analysis/joint_curves.h"
 #include "../analysis/leverage.h"
 #include "../analysis/loops.h"
 #include "../analysis/misfits.h"
@@ -74,7 +75,9 @@ struct Report {
       outliers;  // after a plain fit that ended badly: those that a robust fit would remove
   std::optional<Restarts> restarts;
   std::vector<AutomaticGroup> automatic;  // if the rig has no steps
-  std::shared_ptr<const Solution> rigid;  // the same without further models; null: none was kept
+  std::vector<TriedGroup> tried;          // automatic path: bending and error curves
+  std::vector<Stage> stages;              // calibrations before each of these that was kept
+  std::shared_ptr<const Solution> rigid;  // the first stage; null: nothing of these was kept
   VectorXd mounts;  // automatic path: shared values with only the mounts estimated
   std::vector<OtherModel>
       other_models;  // automatic path: other models of the data, with their odds
@@ -82,6 +85,7 @@ struct Report {
   std::vector<Gauge> gauges;              // automatic path: of mounts, with fixed components
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly
   std::vector<Deflection> deflections;    // if joints bend
+  std::vector<JointCurve> curves;         // of joints with error curves
   std::vector<Loop> loops;
   std::map<int, Matrix3d> position_covariances;  // of sensors and mounted targets (frames.h)
   std::vector<LoopView> loop_views;              // the residuals of `loops`

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <set>
 #include <stdexcept>
@@ -213,8 +214,33 @@ void take(AutomaticCalibration found, Report& report) {
   report.unchecked = std::move(found.unchecked);
   report.gauges = std::move(found.gauges);
   report.mounts = std::move(found.mounts);
-  if (found.rigid) report.rigid = std::move(found.rigid);
-  if (begin_at(report.solution, report.automatic).further.empty()) report.rigid.reset();
+  const std::vector<std::string> kept = begin_at(report.solution, report.automatic).further;
+  for (TriedGroup& one : found.tried) {  // (those kept before are not tried again)
+    const auto known = std::find_if(report.tried.begin(), report.tried.end(),
+                                    [&](const TriedGroup& t) { return t.name == one.name; });
+    if (known == report.tried.end())
+      report.tried.push_back(std::move(one));
+    else
+      *known = std::move(one);
+  }
+  for (TriedGroup& one : report.tried)
+    if (one.outcome == TriedGroup::Outcome::kept && !std::count(kept.begin(), kept.end(), one.name))
+      one.outcome = TriedGroup::Outcome::lost;
+  for (Stage& stage : found.stages) {
+    if (stage.further.empty()) report.stages.clear();
+    report.stages.push_back(std::move(stage));
+  }
+  const auto is_kept = [&](const std::string& g) {
+    return std::count(kept.begin(), kept.end(), g);
+  };
+  report.stages.erase(  // those with a model that was lost later, or with all of them
+      std::remove_if(report.stages.begin(), report.stages.end(),
+                     [&](const Stage& stage) {
+                       return stage.further.size() >= kept.size() ||
+                              !std::all_of(stage.further.begin(), stage.further.end(), is_kept);
+                     }),
+      report.stages.end());
+  report.rigid = report.stages.empty() ? nullptr : report.stages.front().solution;
 }
 
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
@@ -402,6 +428,26 @@ Recording as_guessed(const Report& report, const Rig& given) {
   return scale_noise(*report.solution.recording, levels).with_rig(given);
 }
 
+/// The held-out errors of each stage. `sums` has those of the final calibration. `fold`:
+/// cross-validates another recording; null: the samples that were held out.
+StageErrors stage_errors(const Report& report, const Blocks& blocks, HeldOutSums sums,
+                         const std::function<HeldOutSums(const Solution&)>& fold) {
+  std::vector<HeldOutSums> all;
+  for (const Stage& stage : report.stages) {
+    const Solution& solution = *stage.solution;
+    all.emplace_back();
+    if (fold)
+      all.back() = fold(solution);
+    else
+      all.back().add(*solution.recording, held_out_as_read(solution, solution.values.shared),
+                     indices(solution.samples().size()));
+  }
+  all.push_back(std::move(sums));
+  return {fold != nullptr,
+          compare_stages(report.solution.rig(), blocks, report.stages,
+                         begin_at(report.solution, report.automatic).further, all)};
+}
+
 /// Held-out errors and cross-validation; on the automatic path of simpler calibrations, too: of the
 /// mounts alone, and of the rig as it is.
 void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
@@ -421,7 +467,10 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
     const std::vector<int> all = indices(solution.samples().size());
     add_baselines(as_it_is, solution, report.mounts, options.calibration, all, sums);
     sums.automatic.add(*solution.recording, report.residuals, all);
-    compare(make_blocks(solution.rig(), solution.samples()));
+    const Blocks blocks = make_blocks(solution.rig(), solution.samples());
+    compare(blocks);
+    if (!report.stages.empty())
+      validation.stages = stage_errors(report, blocks, sums.automatic, nullptr);
   }
   if (options.cross_validate == 0) return;
   FoldJudge fold;
@@ -454,6 +503,14 @@ void add_held_out(const Rig& as_it_is, const Recording& given, const StudyOption
   if (!fold) return;
   sums.automatic = validation.cross_validation->sums;
   compare(validation.cross_validation->blocks);
+  if (report.stages.empty()) return;
+  validation.stages = stage_errors(
+      report, validation.cross_validation->blocks, sums.automatic, [&](const Solution& stage) {
+        const Recording models = with_models_of(*folded, *stage.recording);
+        return uncancelled(cross_validate(with_steps(models, stage.rig().steps),
+                                          options.calibration, options.cross_validate, fit))
+            .sums;
+      });
 }
 
 void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& options,
@@ -481,6 +538,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   report.residuals = residuals(at, std::move(views), progress.between(0.4, 1));
   if (report.rigid) add_uncorrected(*report.rigid, report.residuals);
   report.deflections = deflections(report.solution);
+  report.curves = joint_curves(report.solution);
   progress.share(1);
   report.misfits = misfits(report.solution, report.residuals);
   report.trends = trends(report.solution);

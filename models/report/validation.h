@@ -11,6 +11,7 @@
 #include "../trials/cross_validation.h"
 #include "baselines.h"
 #include "requirements.h"
+#include "stages.h"
 
 namespace kincal {
 
@@ -19,6 +20,7 @@ struct Validation {
   std::vector<HeldOutError> test;
   std::optional<CrossValidation> cross_validation;
   std::optional<Baselines> baselines;  // automatic path
+  std::optional<StageErrors> stages;   // if joints were found to bend or to have error curves
   std::vector<FrameReport> frames;
   std::vector<Judgement> requirements;
 

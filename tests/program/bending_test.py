@@ -2,7 +2,7 @@
 
 An arm of five joints and a tracker that sees the pose of its hand, simulated with the `elasticity` of the true robot's rig. Proves: the automatic path finds that joints bend, the
 held-out errors are a fraction of the rigid ones; the written rig gives the same errors in
-`evaluate`; beside it stands the best rigid robot, whose errors are told; a robot that does not bend gets no compliance; mistakes in the entry are named with line and field. Not proved: loads that are not those of rods (they stand in for a large part of an error and are not always found), bending of real arms (docs/results.md), and how often a compliance is found
+`evaluate`; beside it stands the best rigid robot, with its errors; each model that was kept has its gain on held-out samples or by cross-validation; a robot that does not bend gets no compliance; mistakes in the entry are named with line and field. Not proved: loads that are not those of rods (they stand in for a large part of an error and are not always found), bending of real arms (docs/results.md), and how often a compliance is found
 that is not there (docs/results.md).
 """
 import json
@@ -80,6 +80,23 @@ class Bending(Folder):
         self.assertIn("robot.urdf alone", warning["what"])
         self.assertIn("target/ball sags by", warning["why"])
         self.assertGreater(elastic["bending"]["target/ball"]["largest"], elastic["bending"]["target/ball"]["mean"])
+        self.assertEqual([one["outcome"] for one in elastic["tried"] if one["group"] in ("compliance", "compliance across")], ["kept", "kept"])
+        rows = [row for row in elastic["validation"]["stages"]["rows"] if row["unit"] == "m"]
+        self.assertEqual([row["added"] for row in rows][:3], [[], ["compliance"], ["compliance across"]])
+        self.assertAlmostEqual(rows[-1]["rms"] / self.held_out(elastic), 1, places=9)
+        self.assertNotIn("tried", rigid)
+
+    def test_cross_validated(self):
+        """Without held-out samples the stages are compared by cross-validation; the last line is that of the calibration."""
+        self.recorded(ELASTIC)
+        self.write("samples.jsonl", self.read("samples.jsonl").replace('"split": "test"', '"split": "train"'))
+        validation = self.calibrated("out", "--cross-validate", "3")["validation"]
+        self.assertEqual(validation["stages"]["from"], "cross_validation")
+        rows = [row for row in validation["stages"]["rows"] if row["unit"] == "m"]
+        self.assertEqual({row["points"] for row in rows}, {120})
+        self.assertAlmostEqual(rows[-1]["rms"] / validation["cross_validation"]["sensors"]["tracker"]["rms_as_read"], 1, places=9)
+        self.assertLess(rows[-1]["rms"], 0.35 * rows[0]["rms"])
+        self.assertLess(rows[1]["ratio_95"][1], 1)
 
     def test_none(self):
         self.recorded("")
@@ -88,6 +105,8 @@ class Bending(Folder):
         self.assertNotIn("elasticity", self.read("out", "rig.yaml"))
         self.assertFalse(os.path.exists(self.path("out", "robot_unbent.urdf")))
         self.assertNotIn("rms_uncorrected", result["sensors"]["tracker"]["test"])
+        self.assertNotIn("stages", result["validation"])
+        self.assertNotIn("kept", [one["outcome"] for one in result["tried"]])
 
     def test_mistakes(self):
         self.recorded("")

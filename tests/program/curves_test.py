@@ -62,6 +62,38 @@ class Curves(Folder):
     def held_out(self, result):
         return result["sensors"]["tracker"]["test"]["rms_as_read"]
 
+    def check_curve(self, result, samples):
+        """Over the readings: the true curve but for its mean, within its band; a wide band where no sample was; what was tried, and the gain on held-out samples."""
+        self.assertEqual(list(result["curves"]), ["c"])
+        curve, wide = result["curves"]["c"], result["automatic"]
+        wide = next(group["width"] for group in wide if group["group"] == "curve/c")
+        read = sorted(s["joints"]["c"] for s in samples if s["split"] == "train")
+        mean = sum(true_curve(q) for q in read) / len(read)
+        near, far = [], []
+        for q, error, sigma in zip(curve["reading"], curve["error"], curve["sigma"]):
+            distance = min(abs(q - r) for r in read)
+            if distance < 0.02:
+                near.append((error - true_curve(q) + mean) / sigma)
+            if distance > 8 * math.pi / VALUES:
+                far.append(sigma)
+        self.assertGreater(len(near), 50)
+        self.assertLess(math.sqrt(sum(e * e for e in near) / len(near)), 2)
+        self.assertAlmostEqual(curve["rms"], 0.0005 / math.sqrt(2), delta=1e-4)
+        for sigma in far:
+            self.assertGreater(sigma, 0.5 * wide)
+        tried = {one["group"]: one for one in result["tried"]}
+        self.assertEqual([name for name, one in tried.items() if one["outcome"] == "kept"], ["curve/c"])
+        self.assertEqual({one["outcome"] for name, one in tried.items() if name != "curve/c"} - {"no_evidence", "no_better_held_out", "lost"}, set())
+        self.assertGreater(tried["curve/c"]["gain"], 3)
+        stages = result["validation"]["stages"]
+        rigid, curved = [row for row in stages["rows"] if row["unit"] == "m"]
+        self.assertEqual((stages["from"], rigid["added"], rigid["ratio"], curved["added"]), ("test", [], None, ["curve/c"]))
+        test = result["sensors"]["tracker"]["test"]
+        for row, key in ((rigid, "rms_uncorrected"), (curved, "rms_as_read")):
+            self.assertAlmostEqual(row["rms"] / test[key], 1, places=9)
+        self.assertAlmostEqual(curved["ratio"], curved["rms"] / rigid["rms"], places=12)
+        self.assertTrue(curved["ratio_95"][0] < curved["ratio"] < curved["ratio_95"][1] < 1)
+
     def test_found(self):
         values = [true_curve(2 * math.pi * k / VALUES) for k in range(VALUES)]
         samples = self.recorded(", c: {model: curve, curve: [%s]}" % ", ".join("%.9g" % v for v in values))
@@ -76,6 +108,7 @@ class Curves(Folder):
         outside = [k for k in range(VALUES) if not any((k + d) % VALUES in visited for d in range(-3, 4))]
         self.assertGreater(len(inside), 20)
         self.assertGreater(len(outside), 5)
+        self.check_curve(with_curves, samples)
         off = [curve["value"][k] - values[k] for k in inside]
         mean = sum(off) / len(off)  # the offset has it
         self.assertLess(math.sqrt(sum((o - mean) ** 2 for o in off) / len(off)), 0.00015)

@@ -2,11 +2,12 @@
 
 An arm of six joints with a camera on its flange and a board on the table, and the PR2-like robot of the examples. Proves: planned postures are within limits, their views are possible, `simulate` takes them; robots that are calibrated with them are as
 wrong as predicted and less than with random postures of the same candidates (pooled over 12 robots); a plan after samples is worth less than one without; candidates of a file are chosen from; a tolerance is judged; links that come near each other are
-left out; the same seed gives the same plan; mistakes are named, and nothing is written then. Does not prove: gains on real robots.
+left out; the same seed gives the same plan; its page has the forecast and the robot in each posture; mistakes are named, and nothing is written then. Does not prove: gains on real robots.
 """
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -146,6 +147,30 @@ class Plan(unittest.TestCase):
         self.assertTrue(near)
         without, _ = self.plan("--next", "5", "--candidates", "200", "--no-clearance", rig=self.pr2)
         self.assertFalse([why for why in without["left_out"] if " comes near " in why])
+
+    def test_page(self):
+        """Its forecast and postures are those printed and written, the robot is drawn in each; a page that exists stays, and no file is written then."""
+        page = self.path("plan.html")
+        told, postures = self.plan("--next", "5", "--candidates", "200", "--report", page)
+        with open(page, encoding="utf-8") as f:
+            data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', f.read(), re.S).group(1))
+        views = data["result"]["plan"].pop("views")
+        self.assertEqual((data["result"]["kind"], data["result"]["plan"]), ("plan", told))
+        self.assertEqual(data["samples"]["id"], [p["id"] for p in postures])
+        self.assertEqual(views, [[[v["sensor"], v["target"]] for v in p["views"]] for p in postures])
+        for name in postures[0]["joints"]:
+            for drawn, posture in zip(data["samples"]["joints"][name], postures):
+                self.assertAlmostEqual(drawn, posture["joints"][name], delta=1e-6)
+        self.assertEqual(data["result"]["scene"]["sensors"][0]["before"], data["result"]["scene"]["sensors"][0]["after"])
+        free, postures = self.plan("--next", "5", "--candidates", "200", "--report", self.path("pr2.html"), rig=self.pr2)
+        with open(self.path("pr2.html"), encoding="utf-8") as f:
+            data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', f.read(), re.S).group(1))
+        for i, posture in enumerate(postures):
+            for target, pose in posture.get("targets", {}).items():
+                for drawn, given in zip(data["samples"]["targets"][target][i], pose["xyz"]):
+                    self.assertAlmostEqual(drawn, given, delta=1e-5)
+        self.assertIn("exists", run("plan", self.rig, "--candidates", "10", "--out", self.path("new.jsonl"), "--report", page, code=1))
+        self.assertFalse(os.path.exists(self.path("new.jsonl")))
 
     def test_mistakes(self):
         out = self.path("none.jsonl")

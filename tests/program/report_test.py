@@ -444,6 +444,22 @@ class Browser(Case):
         done = subprocess.run(command, cwd=self.path("page"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=280)
         self.assertEqual(done.returncode, 0, " ".join(command) + "\n" + done.stdout.decode()[-3000:])
 
+    def add_curves(self, path):
+        """What a result with bending and curves has (curves_test.py, bending_test.py), made by hand; a sigma is unknown."""
+        with open(self.path(path)) as f:
+            result = json.load(f)
+        sample, joint = next(iter(result["samples"])), "head_pan_joint"
+        row = {"sensor": "narrow_left", "unit": "px", "points": 40, "blocks": 8, "by": "sample"}
+        result["validation"]["stages"] = {"from": "test", "rows": [dict(row, added=[], rms=0.512, ratio=None, ratio_95=None),
+                                                                   dict(row, added=["compliance", "curve/" + joint], rms=0.131, ratio=0.256, ratio_95=[0.21, 0.31])]}
+        result["bending"] = {"sensor/" + HOSTILE: {"samples": 24, "mean": 0.00123, "largest": 0.00234, "sample": sample}}
+        reading = [i / 50 - 2 for i in range(201)]
+        result["curves"] = {joint: {"unit": "rad", "rms": 0.0004, "reading": reading, "error": [5e-4 * math.sin(9 * q) for q in reading],
+                                    "sigma": [None if q < -1 else 1e-4 + 3e-4 * (q > 1) for q in reading]}}
+        result["tried"] = [{"group": "compliance", "gain": 12.3, "outcome": "kept"}, {"group": "loads", "gain": None, "outcome": "no_evidence"}]
+        with open(self.path(path), "w") as f:
+            json.dump(result, f)
+
     def test_page(self):
         self.calibrated(rename=("wide_left", HOSTILE))
         self.kincal("report", "out", "out", "--out", "overview.html")
@@ -460,6 +476,11 @@ class Browser(Case):
         # 1 s is asked of a machine that has nothing else to do; other tests run beside this one.
         self.run_there("node", "tests/browser.mjs", self.path("out", "report.html"), "--within", "3000")
         self.run_there("node", "tests/browser.mjs", self.path("overview.html"), "--within", "3000")
+        self.add_curves("out/result.json")
+        self.kincal("report", "out", "--out", "curves.html")
+        self.run_there("node", "tests/browser.mjs", self.path("curves.html"), "--within", "3000")
+        self.kincal("plan", "robot/rig.yaml", "--next", "5", "--candidates", "300", "--out", "postures.jsonl", "--report", "plan.html")
+        self.run_there("node", "tests/browser.mjs", self.path("plan.html"), "--within", "3000")
         for command in ("evaluate", "check"):
             self.kincal(command, "robot/rig.yaml", "robot/samples.jsonl", "--report", command + ".html")
             self.run_there("node", "tests/browser.mjs", self.path(command + ".html"), "--within", "3000")

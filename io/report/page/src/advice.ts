@@ -1,4 +1,4 @@
-// What to do next, most useful first, out of what the program says. Pure functions: tested without a page.
+// What to do next, most useful first, from the program's findings and warnings. Pure functions: tested without a page.
 import { chi2PerDof, components, type Component, type Result, type WeakDirection } from './data';
 import { digits, list, plainList, plainName, plural, size } from './format';
 
@@ -16,8 +16,8 @@ export function sentence(text: string): string {
 
 const normal = (text: string) => text.toLowerCase().replace(/[^a-z0-9]+/g, ' ').trim();
 
-/** A direction that the data leave open but a prior, or the usual error of a group, closes: where the base frame is, how
- *  a camera is turned about the last axis. It is a choice that somebody made, and nothing has to be done about it. */
+/** A direction that the data do not determine but a prior, or the usual error of a group, does: the position of the base
+ *  frame, the rotation of a camera about the last axis. A prior makes the choice; nothing has to be done. */
 export function isChosen(weak: WeakDirection): boolean {
   const sigma = weak.sigma_with_priors;
   return typeof sigma === 'number' && sigma !== weak.sigma && weakness(sigma, weak.unit) <= 1;
@@ -27,8 +27,8 @@ export function openDirections(result: Result): WeakDirection[] {
   return (result.weak_directions ?? []).filter((weak) => !isChosen(weak));
 }
 
-/** One source, in one order: what the verdict says is next, then the cure of each finding and warning; each cure once.
- *  Nothing else is advice, so that this never says other than the verdict. */
+/** The next steps of the verdict, then the cure of each finding and warning, each cure once. Nothing else is advice, so
+ *  that it never contradicts the verdict. */
 export function nextSteps(result: Result): Advice[] {
   const steps: Advice[] = [];
   const known = new Set<string>();
@@ -39,7 +39,7 @@ export function nextSteps(result: Result): Advice[] {
   };
   for (const step of result.verdict?.next ?? []) add(step);
   for (const notice of [...(result.findings ?? []), ...(result.warnings ?? [])]) {
-    if (notice.in_verdict) continue;   // its cure is what the verdict says is next
+    if (notice.in_verdict) continue;   // its cure is a next step of the verdict
     const open = openDirections(result);
     if (notice.of_directions && open.length) {
       const told = new Set<string>();   // of several with one reason the first
@@ -63,10 +63,10 @@ export function nextSteps(result: Result): Advice[] {
 export function weakSentence(weak: WeakDirection): string {
   const first = Object.keys(weak.parameters ?? {})[0] ?? '';
   return weak.sigma === null || weak.sigma === undefined ? `${plainName(first)} is not determined by the data`
-    : `${plainName(first)} is known to ± ${size(weak.sigma, weak.unit)} only`;
+    : `${plainName(first)} is uncertain: ± ${size(weak.sigma, weak.unit)}`;
 }
 
-/** How bad a sigma is: 1 is 1 cm, 1 degree, 1 % or 1 px, from where on the program calls a number weak. */
+/** A sigma relative to the limit above which the program calls a component weak: 1 cm, 1 degree, 1 % or 1 px. */
 export function weakness(sigma: number, unit: string): number {
   const yardstick: Record<string, number> = { m: 0.01, rad: Math.PI / 180, px: 1, '': 0.01 };
   return sigma / (yardstick[unit] ?? 1);
@@ -76,7 +76,7 @@ function judgedComponents(result: Result): Component[] {
   const chosen = new Set((result.weak_directions ?? []).filter(isChosen).flatMap((weak) => Object.keys(weak.parameters ?? {})));
   return components(result).filter((c) => c.sigma !== 0 && !/\/(distortion|intrinsics)\./.test(c.name) && !chosen.has(c.name));
 }
-/** The estimated number that is known worst; one that the data do not determine before all others. */
+/** The least certain estimated component; one that the data do not determine comes before all others. */
 export function leastKnown(result: Result): Component | undefined {
   // Lens coefficients and image points have no yardstick of their own; a pose, an angle or a size has.
   const candidates = judgedComponents(result);
@@ -84,12 +84,12 @@ export function leastKnown(result: Result): Component | undefined {
   return candidates.reduce<Component | undefined>((worst, c) => (!worst || rank(c) > rank(worst) ? c : worst), undefined);
 }
 
-/** Numbers that are known to no better than 1 cm, 1 degree, 1 % or 1 px, or not at all. */
+/** Components worse than 1 cm, 1 degree, 1 % or 1 px, or not determined. */
 export function badlyKnown(result: Result): Component[] {
   return judgedComponents(result).filter((c) => c.sigma === null || weakness(c.sigma, c.unit) > 1);
 }
 
-/** What was held, and why: one line a reason. */
+/** Fixed parameters and the reason: one line for each reason. */
 export interface HeldLine { text: string; names: string[] }
 export function heldLines(result: Result): HeldLine[] {
   const lines: HeldLine[] = [];
@@ -105,7 +105,7 @@ export function heldLines(result: Result): HeldLine[] {
     const zero = components(result).filter((c) => c.sigma === 0).map((c) => c.name);
     if (zero.length) lines.push({ text: `${plural(zero.length, 'component')} fixed in the last step (partly estimated, or estimated in earlier steps)`, names: zero });
     const unused = [...new Set((result.steps ?? []).flatMap((step) => step.unused ?? []))];
-    if (unused.length) lines.push({ text: `${plural(unused.length, 'name')} without effect: no measurement depends on them`, names: unused });
+    if (unused.length) lines.push({ text: `${plural(unused.length, 'parameter')} without effect: no measurement depends on them`, names: unused });
     const kinds = heldKinds(result);
     if (kinds) lines.push({ text: `No step of the rig estimates the ${kinds}: they count as exact`, names: [] });
     else if (!result.scene) lines.push({ text: 'Parameters that no step of the rig estimates count as exact', names: [] });
@@ -113,7 +113,7 @@ export function heldLines(result: Result): HeldLine[] {
   return lines;
 }
 
-/** Kinds of numbers that no step frees, or not all of them: "gear scales, lenses and the other zero offsets". */
+/** Kinds of parameters that no step estimates, or not all of them: "gear scales, lenses and the other zero offsets". */
 function heldKinds(result: Result): string {
   const { links = [], sensors = [], targets = [] } = result.scene ?? {};
   const joints = links.filter((link) => link.joint && !link.between_axes);

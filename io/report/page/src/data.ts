@@ -46,6 +46,15 @@ export interface BaselineRow {
   sensor: string; unit: string; points: number; rig?: Maybe; mounts: Maybe; automatic: Maybe; ratio: Maybe;
   ratio_95?: [number, number] | null; worse?: boolean;
 }
+export interface StageRow {
+  /** Groups of bending and curves that the line before lacks. */
+  added?: string[]; sensor: string; unit: string; points?: number; blocks?: number; by?: string; rms: Maybe; ratio?: Maybe;
+  ratio_95?: [number, number] | null;
+}
+export interface Deflection { samples?: number; mean?: Maybe; largest?: Maybe; sample?: string }
+/** The error curve of a joint over its readings. */
+export interface CurveOf { unit?: string; rms?: Maybe; reading?: number[]; error?: Maybe[]; sigma?: Maybe[] }
+export interface Tried { group: string; gain?: Maybe; outcome?: string }
 export interface Predicted {
   postures: number;
   position?: Errors3; rotation?: Errors3; position_with_readings?: Errors3; rotation_with_readings?: Errors3;
@@ -57,11 +66,11 @@ export interface Requirement {
 export interface Validation {
   held_out?: string[]; test?: Record<string, Judged>;
   cross_validation?: { by: string; folds: { held_out: string[]; status: string }[]; sensors: Record<string, Judged> };
-  baselines?: { from: string; rows: BaselineRow[] };
+  baselines?: { from: string; rows: BaselineRow[] }; stages?: { from?: string; rows?: StageRow[] };
   frames?: Record<string, { base: string; taken_as_exact?: string[]; workspaces: Record<string, Predicted> }>;
   requirements?: Requirement[];
 }
-/** What findings and warnings have in common: a clause each for what is the case and what to do. */
+/** Common to findings and warnings: a clause for the fact (`what`), one for the action (`cure`). */
 export interface Notice {
   id: string; text: string; severity?: 'remark' | 'doubt' | 'fault'; what?: string; why?: string; cure?: string; otherwise?: string;
   in_verdict?: boolean; of_directions?: boolean;
@@ -94,9 +103,18 @@ export interface Scene {
   meshes_left_out?: number;
 }
 
+/** What `kincal plan` forecasts; the samples of its page are the postures. */
+export interface Plan {
+  goal?: string; unit?: string; tolerance?: Maybe; forecast?: { postures: number; planned: Maybe; random: Maybe }[]; readings?: Maybe;
+  floor?: { error: Maybe; parameters?: string[] }; enough?: Maybe; needed?: Maybe; candidates?: number;
+  left_out?: Record<string, number>; notes?: string[];
+  /** By posture: sensor and target of each view. */
+  views?: [string, string][][];
+}
+
 export interface Result {
-  /** Absent: a calibration. The others have `kind`, and of a check what was looked for and said. */
-  kind?: 'evaluation' | 'check'; tested?: string[]; said?: string; explained?: boolean;
+  /** Absent: a calibration. A check also has the tested mistakes and its verdict (`said`). */
+  kind?: 'evaluation' | 'check' | 'plan'; plan?: Plan; tested?: string[]; said?: string; explained?: boolean;
   verdict?: Verdict; kincal?: string; status?: string; noise?: string; chi2?: Maybe; dof?: number; chi2_data?: Maybe;
   dof_data?: number; cost?: Maybe;
   /** Only where sigmas were estimated from the data; `stated`: chi2/dof with the rig's own. */
@@ -110,6 +128,7 @@ export interface Result {
   correlations?: { a: string; b: string; correlation: number }[];
   rejected?: { sample: string; sensor?: string; target?: string; ids?: number[]; reason: string }[];
   restarts?: { count: number; failed?: number; not_converged?: number; minima?: { cost: number; chi2: number; count: number }[] };
+  bending?: Record<string, Deflection>; curves?: Record<string, CurveOf>; tried?: Tried[];
   leverage?: Leverage[]; warnings?: Warning[]; findings?: Finding[]; scene?: Scene;
   /** loops.csv has the points of one sample in `every`. */
   loops_csv?: { every?: number };
@@ -125,7 +144,7 @@ export interface Samples {
 export interface Report {
   version: number; title?: string; result?: Result; names?: { sensors: string[]; targets: string[] };
   samples?: Samples; residuals?: Columns | null;
-  /** `every`: only the points of one sample in so many are here. */
+  /** `every` = n: only the points of one sample in n are here. */
   loops?: (Omit<Columns, 'every'> & { every?: number }) | null;
   covariance?: { names?: string[]; sigma?: Maybe[]; correlation?: Maybe[][] } | null;
 }
@@ -141,7 +160,7 @@ export interface Overview { version: number; title?: string; overview: OverviewR
 
 export type PageData = Report | Overview | { 'kincal-report-data': null };
 
-/** A report with its columns as typed arrays (made when first asked for, null becomes NaN) and rows found by sample. */
+/** A report with its columns as typed arrays (made at the first use, null becomes NaN) and rows found by sample. */
 export interface Table {
   length: number;
   column(name: string): Float64Array;
@@ -196,7 +215,7 @@ export function table(columns: Columns | null | undefined): Table {
   return { length, column, ints, rowsOf, has: (name) => source[name] !== undefined };
 }
 
-/** What all sections of a report see. */
+/** The data that all sections of a report use. */
 export interface Context {
   report: Report; result: Result; sensors: string[]; targets: string[]; samples: Samples; residuals: Table; loops: Table;
 }
@@ -210,7 +229,7 @@ export function context(report: Report): Context {
     report, result, sensors,
     targets: report.names?.targets ?? [],
     samples: { ...report.samples, id: report.samples?.id ?? [] },
-    // A check predicts nothing: its rows say where something was seen.
+    // A check predicts nothing: its rows have measurements only.
     residuals: whole(report.residuals, result.kind === 'check' ? ['sample', 'sensor'] : ['sample', 'sensor', 'x', 'y', 'whitened']),
     loops: whole(report.loops as Columns, ['sample', 'from', 'to', 'x', 'y']),
   };
@@ -223,7 +242,7 @@ export function isEmpty(data: PageData): data is { 'kincal-report-data': null } 
   return 'kincal-report-data' in data;
 }
 
-/** chi2 per degree of freedom of measurements and joint errors, without priors; null where it is not told. */
+/** chi2 per degree of freedom of measurements and joint errors, without priors; null if there is none. */
 export function chi2PerDof(result: Result): Maybe {
   const chi2 = result.chi2_data ?? result.chi2;
   const dof = result.dof_data ?? result.dof;
@@ -262,7 +281,7 @@ export function judged(result: Result): BeforeAfter[] {
   });
 }
 
-/** Names of poses that the rig leaves open: nobody said where the part is, so it moved from nowhere. */
+/** Names of poses that the rig does not give: they have no value before. */
 export function openPoses(result: Result): Set<string> {
   const open = (kind: string, all: { name: string; link?: number; before?: Pose7 | null }[] | undefined) =>
     (all ?? []).filter((part) => (part.link ?? -1) >= 0 && part.before === null).map((part) => `${kind}/${part.name}/pose`);
@@ -294,7 +313,7 @@ export function components(result: Result): Component[] {
   return Object.entries(result.parameters ?? {}).flatMap(([parameter, p]) =>
     (p.components?.map((c) => `${parameter}.${c}`) ?? componentNames(parameter, p.value?.length ?? 0)).map((name, i) => {
       const initial = p.initial?.[i] ?? 0, sigma = p.sigma?.[i] ?? null;
-      // What only rounding moved did not move.
+      // A change by rounding alone is no change.
       const value = Math.abs(p.value![i] - initial) < 1e-9 * (sigma || 1) ? initial : p.value![i];
       return { name, parameter, unit: p.unit?.[i] ?? '', initial, value, sigma, step: p.step ?? '' };
     }));

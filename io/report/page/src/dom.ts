@@ -39,7 +39,7 @@ export function csvButton(name: string, rows: () => Rows): HTMLElement {
   }, 'CSV');
 }
 
-// ---- what is drawn only when it comes near the window
+// ---- parts that are drawn only when they come near the window
 const waiting = new Map<Element, () => void>();
 const observers = new Map<string, IntersectionObserver>();
 
@@ -71,7 +71,7 @@ export function drawAll(): void {
 // ---- sections
 export interface Section { id: string; title: string; element: HTMLElement }
 
-/** A section: heading, one sentence that says how to read it, and a body that is made when it comes near. */
+/** A section: heading, instructions for reading it, and a body that is made when it comes near the window. */
 export function section(id: string, title: string, how: string, body: (host: HTMLElement) => void,
                         height = 200, margin?: string): Section {
   const host = h('div', { class: 'body', style: `min-height:${height}px` });
@@ -79,7 +79,7 @@ export function section(id: string, title: string, how: string, body: (host: HTM
     h('h2', { id: `${id}-title` }, title), h('p', { class: 'how' }, how), host);
   lazily(host, () => {
     host.style.minHeight = '';
-    // What one section cannot show may not take the others away.
+    // An error in one section must not remove the others.
     try {
       body(host);
     } catch (error) {
@@ -96,13 +96,13 @@ export function missing(text: string): HTMLElement {
 // ---- tables
 export interface Column<R> {
   title: string;
-  /** What is shown. */
+  /** The shown content. */
   cell: (row: R) => Child;
-  /** What is sorted by and written to CSV; without it what is shown, as text. */
+  /** The value for sorting and CSV; default: the shown text. */
   value?: (row: R) => string | number | null | undefined;
   numeric?: boolean;
   hint?: string;
-  /** What stands above the heads of neighbouring columns of one group. */
+  /** A common heading above neighbouring columns. */
   group?: string;
   /** Left out of CSV (a drawing). */
   drawing?: boolean;

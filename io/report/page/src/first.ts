@@ -1,10 +1,10 @@
-// The first screen: the verdict, the three figures that matter, what to do next, what was held.
+// The first screen: the verdict, the three most important figures, what to do next, the fixed parameters.
 import { type Advice, type HeldLine, badlyKnown, capital, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence } from './advice';
 import { chi2PerDof, judged, type BeforeAfter, type Context, type Result } from './data';
 import { h, svg, type Child } from './dom';
 import { digits, none, plainName, plural, shown, size, time } from './format';
 
-const titles = { evaluation: 'Residuals of', check: 'Check of' };
+const titles = { evaluation: 'Residuals of', check: 'Check of', plan: 'Planned postures of' };
 const words = {
   good: { sign: '✓', word: 'Good:' },
   doubts: { sign: '?', word: 'Usable, with doubts:' },
@@ -20,7 +20,7 @@ export function masthead(context: Context, buttons: Child[]): HTMLElement {
   const facts = [
     result.serial ? `Serial ${result.serial}` : 'no serial number given',
     time(result.time ?? result.input?.date) === none ? 'no date given' : time(result.time ?? result.input?.date),
-    plural(context.samples.id.length, 'sample'),
+    plural(context.samples.id.length, result.kind === 'plan' ? 'posture' : 'sample'),
     result.kincal ? `kincal ${result.kincal}` : null,
   ].filter((fact) => fact !== null);
   const { rig, samples, urdf } = result.input ?? {};
@@ -63,7 +63,7 @@ export function pooled(rows: BeforeAfter[], typeOf: (sensor: string) => string |
 }
 
 const sources = {
-  test: 'on data held out from the fit', cross_validation: 'cross-validated: each sample tested with a fit without it',
+  test: 'on data held out from the fit', cross_validation: 'cross-validated: each sample is tested with a fit that lacks it',
   train: 'on the data of the fit itself; nothing was held out',
 };
 
@@ -82,7 +82,7 @@ function breakable(name: string): Child[] {
 export function errorCard(title: string, heads: [string, string], lines: Line[], small: string): HTMLElement {
   return h('div', { class: 'card errors' },
     h('h2', {}, title),
-    lines.length === 0 ? h('p', {}, 'No sensor saw anything.') : h('table', { class: 'big' },
+    lines.length === 0 ? h('p', {}, 'No sensor has data.') : h('table', { class: 'big' },
       h('thead', {}, h('tr', {}, h('th', {}, ''), ...heads.map((head) => h('th', { class: 'n' }, head)))),
       h('tbody', {}, ...lines.map((line) => {
         const unit = shown(line.unit);
@@ -119,15 +119,15 @@ export function fitCard(result: Result): HTMLElement {
     h('p', { class: 'figure' }, h('b', {}, digits(ratio)), h('span', {}, ' chi²/dof')),
     ratio !== null ? gauge(ratio, ok) : null,
     h('p', { class: 'small' }, noise
-      ? `1 means: the residuals are as large as the noise. The noise was estimated from these data, so near 1 proves little${noise.stated == null ? '' : `; with the noise stated in the rig chi²/dof is ${digits(noise.stated)}`}.`
-      : `1 means: the residuals are as large as the noise stated in the rig. Here ${word}.`));
+      ? `1 is right: residuals as large as the noise. The noise was estimated from the same data, so a value near 1 proves little${noise.stated == null ? '' : `; with the noise stated in the rig, chi²/dof is ${digits(noise.stated)}`}.`
+      : `1 is right: residuals as large as the noise stated in the rig.${ok ? '' : ` Here ${word}.`}`));
 }
 
-/** Sigmas take the noise for as large as it is stated: where the residuals are larger, so is what is not known. */
+/** Sigmas assume the stated noise: where the residuals are larger, the uncertainty is larger as well. */
 function beliefInSigmas(result: Result): Child {
   const ratio = chi2PerDof(result);
   if (ratio === null || fitWord(result).ok) return null;
-  return h('p', { class: 'small' }, h('b', {}, ratio > 1 ? `Too small, by ${digits(Math.sqrt(ratio), 2)} times and more: ` : 'Rather too large: '),
+  return h('p', { class: 'small' }, h('b', {}, ratio > 1 ? `Too small, by a factor of ${digits(Math.sqrt(ratio), 2)} or more: ` : 'Probably too large: '),
     'it assumes the noise stated in the rig.');
 }
 
@@ -141,7 +141,7 @@ function weakCard(result: Result): HTMLElement {
       h('p', { class: 'figure' }, weak.sigma === null || weak.sigma === undefined ? h('b', {}, 'not determined')
         : h('b', {}, `± ${size(weak.sigma, weak.unit)}`)),
       h('p', { title: names[0] }, plainName(names[0] ?? ''),
-        names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that move along)` : ''),
+        names.length > 1 ? ` (with ${plural(names.length - 1, 'other')} that change together)` : ''),
       h('p', { class: 'small' }, weak.sigma === null ? 'The data do not determine this component at all. '
         : 'One standard deviation, from the data alone. ', h('a', { href: '#weak' }, 'Why, and what helps')), beliefInSigmas(result));
   }
@@ -150,11 +150,11 @@ function weakCard(result: Result): HTMLElement {
     h('p', { class: 'figure' }, h('b', {}, least.sigma === null ? 'not determined' : `± ${size(least.sigma, least.unit)}`)),
     h('p', { title: least.name }, plainName(least.name)),
     h('p', { class: 'small' }, least.sigma === null ? 'The data do not determine this component. '
-      : badlyKnown(result).length ? `The least certain component (one standard deviation); ${plural(badlyKnown(result).length, 'component')} no better than 1 cm, 1° or 1 %. `
+      : badlyKnown(result).length ? `The least certain component (one standard deviation); ${plural(badlyKnown(result).length, 'component')} worse than 1 cm, 1° or 1 %. `
       : 'The least certain component (one standard deviation). All are better than 1 cm, 1° or 1 %. ', h('a', { href: '#sigmas' }, 'All components')), beliefInSigmas(result));
 }
 
-/** The two lines that say it all, in their colour: whether to use it and why; what to do. */
+/** Two lines in the colour of the verdict: whether to use the result and why; what to do. */
 export interface Look { use: 'good' | 'doubts' | 'no' | 'unknown'; sign: string; word: string }
 export function judgement(look: Look, why: string, todo: string): HTMLElement {
   return h('div', { class: `verdict ${look.use}`, role: 'status' },
@@ -162,7 +162,7 @@ export function judgement(look: Look, why: string, todo: string): HTMLElement {
     h('div', {}, h('p', { class: 'why' }, h('b', { class: 'word' }, look.word), ` ${why}`), h('p', { class: 'why' }, todo)));
 }
 
-/** What to do, `nothing` where there are no steps; and what was held, if anything is said of it. */
+/** The steps to do (`nothing` if there are none), and the fixed parameters, if any are listed. */
 export function actions(title: string, steps: Advice[], held: HeldLine[], nothing: string): HTMLElement {
   return h('div', { class: 'two' },
     h('div', {}, h('h2', {}, title),
@@ -171,7 +171,7 @@ export function actions(title: string, steps: Advice[], held: HeldLine[], nothin
         : h('p', {}, nothing)),
     held.length ? h('div', {}, h('h2', {}, 'Fixed parameters, and why'),
       h('ul', { class: 'held' }, ...held.map((line) => h('li', {}, heldSentence(line),
-        line.names.length > 4 ? h('details', {}, h('summary', {}, 'all of them, as the rig calls them'),
+        line.names.length > 4 ? h('details', {}, h('summary', {}, 'all names, as in the rig'),
           h('p', { class: 'names' }, line.names.join(', '))) : null)))) : null);
 }
 
@@ -187,5 +187,5 @@ export function firstScreen(context: Context): HTMLElement {
       why ? sentence(why) : `Status: ${result.status ?? 'unknown'}.`, `What to do: ${sentence(first ?? 'nothing')}`),
     h('div', { class: 'cards' }, beforeAfterCard(context), fitCard(result), weakCard(result)),
     reasons.length ? h('div', { class: 'reasons' }, h('h2', {}, 'Why'), h('ul', { class: 'held' }, ...reasons.map((reason) => h('li', {}, sentence(capital(reason)))))) : null,
-    actions('Then', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'No parameter was fixed', names: [] }], 'Nothing else.'));
+    actions('Next steps', nextSteps(result).slice(first ? 1 : 0), held.length ? held : [{ text: 'No parameter was fixed', names: [] }], 'Nothing else.'));
 }

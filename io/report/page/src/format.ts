@@ -1,13 +1,13 @@
-// Numbers, units and names as people read them.
+// Numbers, units and names in readable form.
 import type { Maybe } from './data';
 
-/** What is shown for a number that is not there. */
+/** Shown for a missing number. */
 export const none = '–';
 
 /** Largest n with 10^n <= x. */
 const power = (x: number) => Math.floor(Math.log10(x) + 1e-12);
 
-/** x with so many significant digits, without exponents between 1e-4 and 1e6. */
+/** x with this number of significant digits, without exponents between 1e-4 and 1e6. */
 export function digits(x: Maybe | undefined, significant = 3): string {
   if (x === null || x === undefined || Number.isNaN(x)) return none;
   if (x === 0) return '0';
@@ -35,7 +35,7 @@ export function quantity(x: Maybe | undefined, unit: string, significant = 3): s
   return `${digits(x * u.factor, significant)}${u.name ? ' ' + u.name : ''}`;
 }
 
-/** As quantity, angles from one degree on in degrees: so people picture a mount that is not known. */
+/** As quantity, but angles from one degree on in degrees. */
 export function size(x: Maybe | undefined, unit: string, significant = 2): string {
   if (unit === 'rad' && x !== null && x !== undefined && Math.abs(x) >= Math.PI / 180)
     return `${digits((x * 180) / Math.PI, significant)}°`;
@@ -62,7 +62,7 @@ export function plainName(name: string): string {
   const { of, part } = taken(name);
   return part ? `${of}${part.includes(' ') ? ', ' : ' '}${part}` : of;
 }
-/** Names as a list, the numbers of one pose or lens together: "turn: origin x, y; bend: zero offset and 3 more" (numbers). */
+/** Names as a list, the components of one pose or lens together: "turn: origin x, y; bend: zero offset and 3 more" (components). */
 export function plainList(names: string[], most = 3): string {
   const groups = new Map<string, string[]>();
   for (const name of names) {
@@ -71,7 +71,7 @@ export function plainList(names: string[], most = 3): string {
   }
   const all = [...groups], told = all.slice(0, all.length > most + 1 ? most : undefined);
   const rest = names.length - told.reduce((sum, [, of]) => sum + of.length, 0);
-  // "turn about x, y": said once.
+  // "turn about x, y": the words once.
   const numbers = (its: string[]) => its.filter(Boolean).join(', ').replace(/(turn about .)((?:, turn about .)+)/, (_, first, more) => first + more.replaceAll('turn about ', ''));
   return told.map(([of, its]) => [of, numbers(its)].filter(Boolean).join(' ')).join('; ') + (rest ? ` and ${rest} more` : '');
 }

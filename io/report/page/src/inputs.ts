@@ -1,12 +1,14 @@
-// Pages of what is no calibration: residuals at a rig's own values (kincal evaluate), and which mistakes its samples
-// show (kincal check). They have a first screen of their own and the sections that their data fill.
+// Pages without a calibration: residuals at the rig's own values (kincal evaluate), mistakes in samples (kincal check) and
+// planned postures (kincal plan). Each has its own first screen and the sections for which it has data.
 import { capital, fitWord, nextSteps } from './advice';
 import { chi2PerDof, type Context, type Finding, type Result } from './data';
 import { dataTable, h, section, svg, type Child, type Section } from './dom';
 import { actions, errorCard, fitCard, judgement, pooledErrors, type Look } from './first';
 import { digits, list, none, plural } from './format';
 import { coverageSection } from './numbers';
+import { planScreen, planSections } from './plans';
 import { byJointSection, samplesSection, sensorsSection } from './residuals';
+import { sceneSection } from './scene';
 import { choose } from './state';
 import { errorsSection, licencesSection, originSection } from './tables';
 import { sampleLines } from './views';
@@ -17,7 +19,7 @@ function worstSample(context: Context): HTMLElement {
   const worst = lines.reduce<(typeof lines)[0] | undefined>((w, line) => (!w || line.ratio > w.ratio ? line : w), undefined);
   return h('div', { class: 'card' }, h('h2', {}, 'Worst sample'), ...(worst ? [
     h('p', { class: 'figure' }, h('b', {}, `× ${digits(worst.ratio)}`)),
-    h('p', {}, 'the stated noise: ', h('button', { type: 'button', class: 'link', click: () => choose(worst.sample, false) }, worst.id), `, most in ${worst.worst}`),
+    h('p', {}, 'the stated noise: ', h('button', { type: 'button', class: 'link', click: () => choose(worst.sample, false) }, worst.id), `, mainly from ${worst.worst}`),
     h('p', { class: 'small' }, `Of ${plural(lines.length, 'sample')}. `, h('a', { href: '#samples' }, 'All samples'))]
     : [h('p', {}, 'No sample has residuals.')]));
 }
@@ -29,22 +31,22 @@ function evaluationScreen(context: Context): HTMLElement {
   const look: Look = {
     ...(ok ? { use: 'good', sign: '✓', word: 'As good as the noise allows.' }
       : ratio > 5 ? { use: 'no', sign: '✕', word: 'These values do not explain the samples.' }     // as a calibration's limit
-      : { use: 'doubts', sign: '?', word: 'Not as the rig states.' }),
+      : { use: 'doubts', sign: '?', word: 'The residuals differ from the stated noise.' }),
   };
   const steps = nextSteps(result);
   return h('div', { class: 'first', id: 'verdict' },
     judgement(look, `chi²/dof is ${digits(chi2PerDof(result))}: ${word}.`, 'Residuals at the rig’s own values; nothing was calibrated.'),
     h('div', { class: 'cards' },
       errorCard('Errors', ['explained', 'in use'], pooledErrors(context, (row) => [row.errors?.rms, row.errors?.rms_as_read]),
-        'RMS; explained: without errors of joint readings; in use: as the robot’s own software sees it.'),
+        'RMS. Explained: errors of joint readings are estimated. In use: joint readings taken as exact, as the robot’s own software does.'),
       fitCard(result), worstSample(context)),
     actions('What to do next', steps, [], ok ? 'Nothing.' : 'Calibrate with these samples, or run kincal check to find the mistake.'));
 }
 
 // ---- check
-// Sums of squares as they are: what a mistake leaves out of the fit has taken degrees of freedom with it, and how many
-// is not told.
-const expected = ({ dof }: Result) => (dof ? `Some ${Number(dof.toPrecision(2)).toLocaleString('en-US')} are expected if there is no other mistake.` : '');
+// Sums of squares, not divided by degrees of freedom: a mistake may remove measurements from the fit, and their number is
+// not in the data.
+const expected = ({ dof }: Result) => (dof ? `About ${Number(dof.toPrecision(2)).toLocaleString('en-US')} is expected without other mistakes.` : '');
 
 function checkScreen(context: Context): HTMLElement {
   const { result } = context;
@@ -59,14 +61,14 @@ function checkScreen(context: Context): HTMLElement {
   return h('div', { class: 'first', id: 'verdict' },
     judgement(look, capital(result.said ?? ''), todo[look.use]),
     h('div', { class: 'cards' },
-      chi2PerDof(result) === null ? h('div', { class: 'card' }, h('h2', {}, 'Residuals against the stated noise'), h('p', {}, 'As it is, no fit can start.')) : fitCard(result),
+      chi2PerDof(result) === null ? h('div', { class: 'card' }, h('h2', {}, 'Residuals against the stated noise'), h('p', {}, 'No fit can start with these samples.')) : fitCard(result),
       findings.length === 0 ? null : h('div', { class: 'card' }, h('h2', {}, 'With the findings corrected'),
-        best ? h('p', { class: 'figure' }, h('b', {}, digits(best.chi2_corrected)), h('span', {}, ' chi²')) : h('p', {}, 'No fit is concerned.'),
-        best ? h('p', { class: 'small' }, `${best.id}. ${typeof best.chi2_as_is === 'number' ? `${digits(best.chi2_as_is)} as it is. ` : ''}${expected(result)}`) : null),
-      h('div', { class: 'card' }, h('h2', {}, 'Looked at'),
+        best ? h('p', { class: 'figure' }, h('b', {}, digits(best.chi2_corrected)), h('span', {}, ' chi²')) : h('p', {}, 'The findings were made without a fit.'),
+        best ? h('p', { class: 'small' }, `${best.id}. ${typeof best.chi2_as_is === 'number' ? `${digits(best.chi2_as_is)} before. ` : ''}${expected(result)}`) : null),
+      h('div', { class: 'card' }, h('h2', {}, 'Tested'),
         h('p', { class: 'figure' }, h('b', {}, String(result.tested?.length ?? 0)), h('span', {}, ' kinds of mistakes')),
         h('p', {}, `${plural(context.samples.id.length, 'sample')}, ${plural(points, 'point')}, ${plural(context.sensors.length, 'sensor')}`),
-        h('p', { class: 'small' }, h('a', { href: '#tested' }, 'Which')))),
+        h('p', { class: 'small' }, h('a', { href: '#tested' }, 'List')))),
     actions('What to do next', findings.map((finding) => ({ text: capital(finding.text ?? ''), why: finding.id })), [],
       result.explained ? 'Calibrate: kincal calibrate.' : 'Look at the sensor and the samples that fit worst (kincal calibrate, then its report).'));
 }
@@ -78,7 +80,7 @@ function bar(value: number | null, most: number): Child {
 
 function findingsSection(result: Result): Section {
   return section('findings', 'Findings',
-    `Each mistake was undone and the samples fitted again: the more the sum of squared residuals (chi²) falls, the surer it is. ${expected(result)}`,
+    `Each mistake was corrected and the samples were fitted again. The more the sum of squared residuals (chi²) falls, the more certain the finding. ${expected(result)}`,
     (host) => {
       const findings = result.findings ?? [];
       if (!findings.length) return void host.append(h('p', {}, capital(result.said ?? 'Nothing.')));
@@ -88,8 +90,8 @@ function findingsSection(result: Result): Section {
         { title: 'Mistake', cell: (row) => h('span', { class: 'nowrap' }, row.id), value: (row) => row.id },
         { title: 'Finding and correction', cell: (row) => row.text },
         { title: 'Where', cell: (row) => list(row.where ?? []) || none },
-        { title: 'chi² as it is', cell: (row) => h('div', { class: 'barred' }, digits(as(row)), bar(as(row), most)), value: as, numeric: true },
-        { title: 'undone', cell: (row) => h('div', { class: 'barred' }, digits(undone(row)), bar(undone(row), most)), value: undone, numeric: true },
+        { title: 'chi² before', cell: (row) => h('div', { class: 'barred' }, digits(as(row)), bar(as(row), most)), value: as, numeric: true },
+        { title: 'chi² corrected', cell: (row) => h('div', { class: 'barred' }, digits(undone(row)), bar(undone(row), most)), value: undone, numeric: true },
       ], { caption: 'Findings, those that explain most first; bars are logarithmic.', file: 'findings' }));
     });
 }
@@ -105,11 +107,13 @@ function testedSection(result: Result): Section {
 }
 
 export function inputScreen(context: Context): HTMLElement {
-  return context.result.kind === 'check' ? checkScreen(context) : evaluationScreen(context);
+  const { kind } = context.result;
+  return kind === 'plan' ? planScreen(context) : kind === 'check' ? checkScreen(context) : evaluationScreen(context);
 }
 
 export function inputSections(of: Context): Section[] {
-  const own = of.result.kind === 'check' ? [findingsSection(of.result), testedSection(of.result), coverageSection(of)]
+  const [forecast, postures] = planSections(of);
+  const own = of.result.kind === 'plan' ? [forecast, sceneSection(of), postures, coverageSection(of)] : of.result.kind === 'check' ? [findingsSection(of.result), testedSection(of.result), coverageSection(of)]
     : [errorsSection(of), samplesSection(of), sensorsSection(of), byJointSection(of), coverageSection(of)];
   return [...own, originSection(of), licencesSection()].filter((s): s is Section => s !== null);
 }

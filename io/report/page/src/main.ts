@@ -1,6 +1,7 @@
 // Puts the page together: the first screen at once, everything else when the reader comes to it.
 import './style.css';
 import 'uplot/dist/uPlot.min.css';
+import { curvesSection } from './bending';
 import { context, isEmpty, isOverview, type Context, type PageData } from './data';
 import { drawAll, h, missing, type Section } from './dom';
 import { firstScreen, masthead, titleOf } from './first';
@@ -42,11 +43,11 @@ function showSensor(name: string): void {
     .find((part) => part.dataset.part === `sensor/${name}`)?.scrollIntoView({ block: 'start' }), 300);
 }
 
-/** The strip that says which sample is chosen, and chooses another. */
+/** The strip that shows the chosen sample and chooses another. */
 function sampleStrip(of: Context): HTMLElement {
-  const ids = of.samples.id;
-  const select = h('select', { 'aria-label': 'Chosen sample', change: () => choose(select.selectedIndex - 1, false) },
-    h('option', {}, 'no sample chosen'), ...ids.map((id) => h('option', {}, id)));
+  const ids = of.samples.id, word = of.result.kind === 'plan' ? 'posture' : 'sample';
+  const select = h('select', { 'aria-label': `Chosen ${word}`, change: () => choose(select.selectedIndex - 1, false) },
+    h('option', {}, `no ${word} chosen`), ...ids.map((id) => h('option', {}, id)));
   const text = h('span', { class: 'numbers', 'aria-live': 'polite' });
   const step = (by: number) => choose((Math.max(chosenSample(), by > 0 ? -1 : ids.length) + by + ids.length) % ids.length, false);
   const marks = h('style'), partMarks = h('style');
@@ -65,8 +66,8 @@ function sampleStrip(of: Context): HTMLElement {
     const [kind, name] = [part.split('/')[0], part.slice(part.indexOf('/') + 1)];
     about.replaceChildren(...(part ? [h('b', {}, `${kind} ${name}`), point >= 0 ? ` point ${point} ` : ' ',
       kind === 'sensor' ? h('a', { href: '#residuals', click: (event) => { event.preventDefault(); showSensor(name); } }, 'its residuals')
-        : h('a', { href: '#changes' }, 'what changed of it'), ' ',
-      h('button', { type: 'button', 'aria-label': 'Let it go', click: () => choosePart('') }, '×')] : []));
+        : h('a', { href: '#changes' }, 'its changes'), ' ',
+      h('button', { type: 'button', 'aria-label': 'Clear the choice', click: () => choosePart('') }, '×')] : []));
     document.body.classList.toggle('has-part', part !== '');
   });
   addEventListener('keydown', (event) => {
@@ -76,9 +77,9 @@ function sampleStrip(of: Context): HTMLElement {
     else if (event.key === 'ArrowLeft') step(-1);
     else if (event.key === 'Escape') { choose(-1, false); choosePart(''); }
   });
-  return h('div', { class: 'strip', role: 'region', 'aria-label': 'Chosen sample' },
-    h('button', { type: 'button', 'aria-label': 'Sample before', click: () => step(-1) }, '←'), select,
-    h('button', { type: 'button', 'aria-label': 'Next sample', click: () => step(1) }, '→'), text, about);
+  return h('div', { class: 'strip', role: 'region', 'aria-label': `Chosen ${word}` },
+    h('button', { type: 'button', 'aria-label': `Previous ${word}`, click: () => step(-1) }, '←'), select,
+    h('button', { type: 'button', 'aria-label': `Next ${word}`, click: () => step(1) }, '→'), text, about);
 }
 
 /** On paper everything is drawn, in light colours, laid out and drawn again at the width of the paper. Nothing of it may
@@ -117,7 +118,7 @@ function lay(head: HTMLElement, sections: Section[], strip: HTMLElement | null):
 
 function reportSections(of: Context): Section[] {
   return [errorsSection(of), validationSection(of), sceneSection(of), loopsSection(of), weakSection(of), sigmasSection(of), changesSection(of),
-    groupsSection(of), samplesSection(of), sensorsSection(of), jointsSection(of), byJointSection(of), coverageSection(of), influenceSection(of), noiseSection(of),
+    groupsSection(of), samplesSection(of), sensorsSection(of), jointsSection(of), curvesSection(of), byJointSection(of), coverageSection(of), influenceSection(of), noiseSection(of),
     correlationSection(of), stepsSection(of), originSection(of), licencesSection()].filter((s): s is Section => s !== null);
 }
 
@@ -130,7 +131,7 @@ function start(): void {
     return;
   }
   if (isEmpty(data)) {
-    document.getElementById('page')!.append(h('main', {}, h('h1', {}, 'Calibration report'), missing('This is the empty template: kincal puts the data of a calibration into it.')));
+    document.getElementById('page')!.append(h('main', {}, h('h1', {}, 'Calibration report'), missing('This is the empty template: kincal writes the data of a calibration into it.')));
     return;
   }
   if (isOverview(data)) {

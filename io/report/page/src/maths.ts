@@ -50,7 +50,7 @@ export function chiDensity(x: number, k: number): number {
   return (2 ** (1 - k / 2) * x ** (k - 1) * Math.exp((-x * x) / 2)) / gamma;
 }
 
-/** Values at round steps (1, 2, 5 times a power of ten) within [low, high]; about so many. */
+/** Values at round steps (1, 2, 5 times a power of ten) within [low, high]; about this many. */
 export function ticks(low: number, high: number, about: number): number[] {
   if (!(high > low)) return [low];
   const raw = (high - low) / Math.max(1, about);

@@ -1,4 +1,4 @@
-// Sections about the estimated numbers and about what the recording covers.
+// Sections about the estimated components and the coverage of the recording.
 import { components, openPoses, type Component, type Context, type Result } from './data';
 import { csvButton, dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, plural, shown, size } from './format';
@@ -27,7 +27,7 @@ export function changesSection(context: Context): Section {
     }, 400);
 }
 
-/** Where the parts are that the rig leaves open: there is no change of these, only a place. */
+/** Poses that the rig does not give: they have no change, only an estimate. */
 function openTable(result: Result, open: Set<string>): HTMLElement | null {
   const rows = Object.entries(result.parameters ?? {}).filter(([name, p]) => open.has(name) && p.pose?.xyz?.length === 3 && p.pose.quat?.length === 4);
   if (!rows.length) return null;
@@ -46,21 +46,21 @@ function openTable(result: Result, open: Set<string>): HTMLElement | null {
     ...['roll', 'pitch', 'yaw'].map((angle, i) => ({
       title: `${angle} (°)`, numeric: true, cell: ([, p]: Row) => digits((rollPitchYaw(p.pose!.quat)[i] * 180) / Math.PI, 4), value: ([, p]: Row) => (rollPitchYaw(p.pose!.quat)[i] * 180) / Math.PI,
     })),
-    { title: 'Known to ±', hint: 'One standard deviation of position and rotation', numeric: true, cell: (row) => [size(sigma(row, 0), 'm'), size(sigma(row, 3), 'rad')].join(', '), value: (row) => sigma(row, 0) },
+    { title: '± sigma', hint: 'One standard deviation of position and rotation', numeric: true, cell: (row) => [size(sigma(row, 0), 'm'), size(sigma(row, 3), 'rad')].join(', '), value: (row) => sigma(row, 0) },
   ], {
     caption: 'Poses without a value in the rig: found from the data alone, so there is no change.', file: 'found_poses',
     row: (element, [name]) => { element.dataset.part = name.slice(0, name.lastIndexOf('/')); },
   });
 }
 
-/** Rows know their sensor or target, so that they are marked with it. */
+/** Rows have the name of their sensor or target, so that they are marked with it. */
 const markPart = (element: HTMLElement, c: Component) => { element.dataset.part = c.parameter.slice(0, c.parameter.lastIndexOf('/')); };
 
 function changeTable(rows: Component[], unit: string): HTMLElement {
   const u = shown(unit);
   const change = (c: Component) => (c.value - c.initial) * u.factor;
   const significance = (c: Component) => (c.sigma ? Math.abs(c.value - c.initial) / c.sigma : NaN);
-  // The scale has the changes in it; of bars that are far longer only what fits is drawn.
+  // The scale covers the changes; bars that are far longer are cut.
   const most = Math.max(...rows.map((c) => Math.abs(change(c))), 1e-12) * 1.05;
   const x = (v: number) => 100 + Math.max(-1.02, Math.min(1.02, v / most)) * 96;
   const drawing = (c: Component) => {
@@ -91,8 +91,8 @@ export function sigmasSection(context: Context): Section {
       const rank = (c: Component) => (c.sigma === null ? Infinity : weakness(c.sigma, c.unit));
       const rows = [...all].sort((a, b) => rank(b) - rank(a));
       host.append(dataTable(rows, [
-        { title: 'Number', cell: (c) => h('span', { title: c.name }, plainName(c.name)), value: (c) => c.name },
-        { title: 'Known to ±', cell: (c) => (c.sigma === null ? 'not determined' : size(c.sigma, c.unit, 3)), value: (c) => c.sigma, numeric: true },
+        { title: 'Component', cell: (c) => h('span', { title: c.name }, plainName(c.name)), value: (c) => c.name },
+        { title: '± sigma', cell: (c) => (c.sigma === null ? 'not determined' : size(c.sigma, c.unit, 3)), value: (c) => c.sigma, numeric: true },
         { title: 'Share of the limit', cell: (c) => (c.sigma === null ? none : `${digits(100 * rank(c), 2)} %`), value: rank, numeric: true },
         { title: '', cell: (c) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
           svg('rect', { x: 0, y: 1, width: Math.min(100, 100 * rank(c)), height: 8 })), drawing: true },
@@ -159,7 +159,7 @@ function matrix(names: string[], correlation: (number | null)[][]): HTMLElement 
 
 export function correlationSection(context: Context): Section {
   return section('correlation', 'Correlations',
-    'Correlations of the estimated components: blue positive, orange negative, pale independent. Strong correlations of certain components do no harm if both are used together; for uncertain components they show which one could be fixed.',
+    'Correlations of the estimated components: blue positive, orange negative, pale independent. A strong correlation of two well-determined components does no harm if both are used. Of two poorly determined ones, fix one.',
     (host) => {
       const covariance = context.report.covariance;
       if (!covariance?.names?.length || !covariance.correlation) return void host.append(missing('The correlations are not in this file.'));
@@ -168,7 +168,7 @@ export function correlationSection(context: Context): Section {
       const csv = () => [['', ...names], ...names.map((name, i) => [name, ...(correlation[i] ?? []).map((r) => (r === null ? null : r / 1000))])];
       host.append(h('div', { class: 'side' }, h('figure', { class: 'plot' }, h('figcaption', {}, h('span', {}, `${plural(names.length, 'component')}, in the order of covariance.csv`), csvButton('correlations', csv)), matrix(names, correlation)),
         pairs.length ? dataTable(pairs, [
-          { title: 'Number', cell: ([i]) => h('span', { title: names[i] }, plainName(names[i])), value: ([i]) => names[i] },
+          { title: 'Component', cell: ([i]) => h('span', { title: names[i] }, plainName(names[i])), value: ([i]) => names[i] },
           { title: 'with', cell: ([, j]) => h('span', { title: names[j] }, plainName(names[j])), value: ([, j]) => names[j] },
           { title: 'Correlation', cell: ([, , r]) => digits(r / 1000, 3), value: ([, , r]) => r / 1000, numeric: true },
         ], { caption: 'The strongest pairs (above 0.5 in size).', file: 'strong_correlations', most: 14 })
@@ -178,7 +178,9 @@ export function correlationSection(context: Context): Section {
 
 // ---- coverage
 export function coverageSection(context: Context): Section {
-  return section('coverage', 'Coverage of the recording',
+  const plan = context.result.kind === 'plan';
+  return section('coverage', plan ? 'Joint ranges' : 'Coverage of the recording',
+    plan ? 'Joint ranges that the planned postures use, and the limits of the joints (dashed).' :
     'Joint ranges and image regions covered by the samples. In empty parts of a joint’s range (limits dashed) and in empty cells of an image the calibration extrapolates.',
     (host) => {
       const joints = Object.entries(context.samples.joints ?? {});
@@ -198,7 +200,7 @@ export function coverageSection(context: Context): Section {
         const bins = 24, counts = histogram(values, low, high, bins), step = (high - low) / bins;
         const share = limits ? Math.min(1, (seen[1] - seen[0]) / (limits[1] - limits[0] || 1)) : null;
         plots.append(plotFigure({
-          title: joint, file: `coverage_${joint}`, height: 130, xLabel: unit, yLabel: 'samples', x: [low - air, high + air], y: [0, Math.max(...counts) * 1.1],
+          title: joint, file: `coverage_${joint}`, height: 130, xLabel: unit, yLabel: plan ? 'postures' : 'samples', x: [low - air, high + air], y: [0, Math.max(...counts) * 1.1],
           draw: (pen) => {
             pen.c.fillStyle = pen.colour.after;
             counts.forEach((v, i) => v && pen.c.fillRect(pen.x(low + i * step), pen.y(v), Math.max(1, pen.x(low + step) - pen.x(low) - 1), pen.y(0) - pen.y(v)));
@@ -216,7 +218,7 @@ export function coverageSection(context: Context): Section {
             line(pen.c, pen.x(v * factor), pen.top, pen.x(v * factor), pen.top + pen.height);
           },
           csv: () => [['from', 'to', 'samples'], ...Array.from(counts, (v, i) => [low + i * step, low + (i + 1) * step, v])],
-          note: share !== null ? `${digits(100 * share, 2)} % of the way between its limits` : link?.type === 'continuous' ? 'turns without limits' : 'limits not in this file',
+          note: share !== null ? `${digits(100 * share, 2)} % of the range between its limits` : link?.type === 'continuous' ? 'turns without limits' : 'limits not in this file',
         }));
       }
       if (plots.childElementCount) host.append(h('h3', {}, 'Joints'), plots);

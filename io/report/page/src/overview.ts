@@ -37,8 +37,8 @@ function dates(at: number[]): string[] {
   return at.map((t) => new Date(t * 1000).toISOString().slice(0, long ? 10 : 16).replace('T', ' '));
 }
 
-/** Of a few robots two lines each (serial number, else folder): as it was found dashed, calibrated solid. Of a whole fleet
- *  points before and after, for nobody could tell the colours of the robots. */
+/** For a few robots two lines each (serial number, else folder): dashed before, solid after. For a fleet only points before
+ *  and after, because so many colours cannot be told apart. */
 function timePlot(host: HTMLElement, sensor: string, rows: OverviewRow[], wide: boolean): void {
   const points = rows.flatMap((row) => { const t = stamp(row.time), s = row.sensors?.[sensor]; return t !== null && s ? [{ t, s, row }] : []; })
     .sort((a, b) => a.t - b.t);
@@ -94,7 +94,7 @@ export function overviewSections(data: Overview): Section[] {
   const failed = rows.length - counts[0] - counts[1] - counts[2];
   const told = [[counts[2], 'good'], [counts[1], 'with doubts'], [counts[0], 'not to be used'], [failed, 'without a result']].filter(([n]) => n).map(([n, what]) => `${n} ${what}`);
   const head = section('verdict', `${plural(rows.length, 'calibration')}: ${told.join(', ')}`,
-    'The worst first. Robots of one kind should look alike: one that stands out has something the others lack. The columns of sensors are the RMS after the calibration, joint readings taken as they come.',
+    'The worst first. Robots of one kind should have similar errors; look at any that differ. The columns of the sensors have the RMS after the calibration, with joint readings taken as they come.',
     (host) => host.append(dataTable(rows, [
       { title: 'Result', cell: (row) => { const to = safeLink(row.link); return h('span', { class: 'nowrap' }, to ? h('a', { href: to }, row.folder || row.title) : row.folder || row.title); }, value: (row) => row.folder },
       { title: 'Serial', cell: (row) => h('span', { class: 'nowrap' }, row.serial ?? none) },
@@ -114,7 +114,7 @@ export function overviewSections(data: Overview): Section[] {
       { title: 'Verdict', cell: (row) => h('span', { class: 'nowrap' }, word(row)), value: word },
       { title: 'Why, and what to do', cell: (row) => row.verdict?.text ?? none },
     ], { caption: 'Doubts and failures.', file: 'doubts', most: 100 })));
-  const where = section('origins', 'Data of the errors', 'Held-out data count; errors on the data of the fit itself are too small.',
+  const where = section('origins', 'Source of the errors', 'Errors on held-out data are fair; errors on the data of the fit are too small.',
     (host) => host.append(dataTable(rows.flatMap((row) => Object.entries(row.sensors ?? {}).map(([sensor, s]) => ({ row, sensor, s }))), [
       { title: 'Result', cell: (r) => folder(r.row), value: (r) => r.row.folder }, { title: 'Sensor', cell: (r) => r.sensor },
       { title: 'Before', cell: (r) => quantity(r.s.before, r.s.unit), value: (r) => r.s.before, numeric: true },
@@ -123,7 +123,7 @@ export function overviewSections(data: Overview): Section[] {
     ], { caption: 'Errors before and after.', file: 'overview_errors' })));
   const sections = doubts.length ? [head, why] : [head];
   if (rows.filter((row) => stamp(row.time) !== null).length > 1)
-    sections.push(section('drift', 'Over time', 'Errors of each robot as it was found (dashed, open) and as calibrated (solid, filled); of more than five robots points only. The scale is logarithmic. A dashed line that rises: the robot drifts or wears.',
+    sections.push(section('drift', 'Over time', 'Errors of each robot before (dashed, open) and after the calibration (solid, filled), on a logarithmic scale; for more than five robots only points. A rising dashed line: the robot drifts or wears.',
       (host) => { const grid = h('div', sensors.length === 1 ? {} : { class: 'plots' }); host.append(grid); for (const sensor of sensors) timePlot(grid, sensor, rows, sensors.length === 1); }, 300));
   return [...sections, where];
 }

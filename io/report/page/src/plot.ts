@@ -1,11 +1,11 @@
 // Plots on canvas: axes, points, a layer for the chosen sample on top, and a click that chooses.
-// Two canvases lie on each other: what is drawn once, and what changes with the chosen sample.
+// Two canvases lie on each other: one is drawn once, the upper one changes with the chosen sample.
 import { csvButton, h, lazily } from './dom';
 import { digits, type Rows } from './format';
 import { ticks } from './maths';
 import { choose, chosenSample, colours, onChoice, onTheme, type Theme } from './state';
 
-/** What a plot is drawn with: places in px of the canvas from values. */
+/** The means to draw a plot: places on the canvas (px) from values. */
 export interface Pen {
   c: CanvasRenderingContext2D; colour: Theme; x: (v: number) => number; y: (v: number) => number;
   left: number; top: number; width: number; height: number;
@@ -102,7 +102,7 @@ export function points(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, c
   c.globalAlpha = 1;
   return drawn;
 }
-/** The rows of the chosen sample: larger and ringed, for not everybody tells their colour from the others'. */
+/** The rows of the chosen sample: larger and ringed, because not everybody distinguishes the colours. */
 export function rings(pen: Pen, xs: ArrayLike<number>, ys: ArrayLike<number>, rows: Iterable<number>): void {
   const { c } = pen;
   for (const i of rows) {

@@ -5,6 +5,7 @@ import { dataTable, h, lazily, missing, section, type Section } from './dom';
 import { digits, none, plural, quantity, shown, type Rows } from './format';
 import { chiDensity, extent, histogram, normalDensity, quantile } from './maths';
 import { line, mostPoints, padded, plotFigure, points, rings, type Pen } from './plot';
+import { viewsText } from './plans';
 import { choose, onPart } from './state';
 
 const thinned = (n: number) => (n > mostPoints ? `${plural(n, 'point')}; every ${Math.ceil(n / mostPoints)}th is drawn, CSV has all.` : undefined);
@@ -87,7 +88,7 @@ export function loopsSection(context: Context): Section {
     'A point seen by one sensor is transformed through the robot into another sensor and compared with its measurement there. Nothing is fitted in between, so a task that looks with one and acts with the other has this error. Before: open orange squares; after: blue. Click a point to see its sample everywhere.',
     (host) => {
       const pairs = context.result.loops ?? [];
-      if (!pairs.length) return void host.append(missing('No two sensors see the same target in one sample, or the run was made without a report.'));
+      if (!pairs.length) return void host.append(missing('No two sensors see the same target in one sample, or the result was written with --no-report.'));
       host.append(loopMatrix(context, pairs));
       if (!context.loops.length) return void host.append(missing('The single points of the loops are not in this file.'));
       const from = context.loops.ints('from'), to = context.loops.ints('to');
@@ -110,7 +111,7 @@ export function loopsSection(context: Context): Section {
       add(cards.slice(0, 6));
       const every = Number(context.report.loops?.every ?? 1);
       host.append(h('h3', {}, 'Point by point, the largest errors first'),
-        every > 1 ? h('p', { class: 'small' }, `Points of one sample in ${every}; the RMS is of all. ${everyWritten(context.result) > 1 ? `Those of one in ${everyWritten(context.result)} stand` : 'All points stand'} in loops.csv.`) : '', grid);
+        every > 1 ? h('p', { class: 'small' }, `Shown: the points of one sample in ${every}; the RMS includes all. loops.csv has ${everyWritten(context.result) > 1 ? `those of one sample in ${everyWritten(context.result)}` : 'all points'}.`) : '', grid);
       if (cards.length > 6) {
         const more = h('button', { type: 'button', class: 'more', click: () => { more.remove(); add(cards.slice(6)); } }, `Show all ${cards.length} pairs`);
         host.append(more);
@@ -181,7 +182,7 @@ function againstNoise(context: Context, sensor: SensorViews): HTMLElement {
   return whitenedPlot(context, sensor, 'whitened', {
     title: 'Against the stated noise', xLabel: 'length of the residual, in sigmas', file: 'noise', range: [0, reachOf(w, Math.sqrt(sensor.d) + 4, 12)],
     bins: 40, density: (v) => chiDensity(v, sensor.d), expected: `chi, ${sensor.d}`,
-    note: 'Bars right of the curve: more noise than stated. Far left of it: less, or the fit takes it up.',
+    note: 'Bars to the right of the curve: more noise than stated. Far to the left: less noise, or the parameters absorb it.',
   });
 }
 
@@ -228,7 +229,7 @@ function overImage(context: Context, sensor: SensorViews, scene: SceneSensor | u
     title: `Over the image: arrows ${times} times as long as the residuals`, file: `${sensor.name}_image`,
     x: [0, w], y: [0, hgt], aspect: hgt / w, yDown: true, xLabel: 'u (px)', yLabel: 'v (px)',
     draw: (pen) => {
-      // What is usual is drawn thin; the largest hundredth thick, in the colour of what is wrong.
+      // Usual residuals are thin; the largest 1 % thick and orange.
       const large = quantile(length, 0.99);
       pen.c.globalAlpha = x.length > 1500 ? 0.55 : 0.9;
       pen.c.lineWidth = 1;
@@ -246,7 +247,7 @@ function overImage(context: Context, sensor: SensorViews, scene: SceneSensor | u
     },
     pick: { x: u, y: v, sample, text: (i) => `${context.samples.id[sample[i]]}: ${digits(x[i])}, ${digits(y[i])} px` },
     csv: () => [['sample', 'u', 'v', 'residual_x [px]', 'residual_y [px]', 'sigmas'], ...Array.from(sensor.rows, (row, i) => [context.samples.id[sample[i]], u[i], v[i], x[i], y[i], residuals.column('whitened')[row]])],
-    note: 'All arrows of a region in one direction: the lens model or the mount. The largest hundredth is orange.',
+    note: 'All arrows of a region in one direction: the lens model or the mount is wrong. Orange: the largest 1 %.',
   });
 }
 
@@ -284,7 +285,7 @@ function scatter(context: Context, sensor: SensorViews, kind: 'translation' | 'r
   const parts = names.map((c) => taken(context.residuals.column(c), sensor.rows, unit.factor));
   const sample = Int32Array.from(sensor.rows, (i) => context.residuals.ints('sample')[i]);
   const [a, b] = sensor.unit === 'px' ? [0, 1] : twoOf(parts);
-  // One outlier may not press the rest into a dot: the scale has 99.5 % of the points in it, and says so.
+  // One outlier must not press the rest into a dot: the scale has 99.5 % of the points in it; the note counts the others.
   const range = symmetric([parts[a], parts[b]], sample.length > 400 ? 0.995 : 1);
   const outside = [...parts[a].keys()].filter((i) => Math.abs(parts[a][i]) > range[1] || Math.abs(parts[b][i]) > range[1]).length;
   return plotFigure({
@@ -294,11 +295,11 @@ function scatter(context: Context, sensor: SensorViews, kind: 'translation' | 'r
     over: (pen, s) => rings(pen, parts[a], parts[b], [...sample.keys()].filter((i) => sample[i] === s)),
     pick: { x: parts[a], y: parts[b], sample, text: (i) => `${context.samples.id[sample[i]]}: ${digits(parts[a][i])}, ${digits(parts[b][i])} ${unit.name}` },
     csv: () => [['sample', ...names.map((n) => `${n} [${unit.name}]`)], ...Array.from(sample, (s, i) => [context.samples.id[s], ...parts.map((p) => p[i])])],
-    note: [outside ? `${plural(outside, 'point')} outside of the frame.` : '', thinned(sample.length) ?? ''].join(' ').trim() || undefined,
+    note: [outside ? `${plural(outside, 'point')} outside the frame.` : '', thinned(sample.length) ?? ''].join(' ').trim() || undefined,
   });
 }
 
-/** As the residuals were with the rig's values; what the calibration had to explain. */
+/** The residuals at the rig's values, before the calibration. */
 function scatterBefore(context: Context, sensor: SensorViews): HTMLElement {
   const unit = shown(sensor.unit);
   const parts = ['before_x', 'before_y'].map((c) => taken(context.residuals.column(c), sensor.rows, unit.factor));
@@ -349,7 +350,7 @@ export function sensorsSection(context: Context): Section {
 // ---- samples
 export function samplesSection(context: Context): Section {
   return section('samples', 'Sample by sample',
-    'The size of all residuals of a sample against the stated noise: about 1 is right. One sample far above the others is mislogged or its target moved. Choose one by a click, in the list, or with the arrow keys ← →: it is marked in every plot.',
+    'Size of the residuals of each sample relative to the stated noise; about 1 is right. If one sample is far above the others, it was logged wrongly or its target moved. Choose a sample by a click, in the list, or with the arrow keys ← →; all plots mark it.',
     (host) => {
       const lines = sampleLines(context);
       if (!lines.length) return void host.append(missing('The samples are not in this file.'));
@@ -380,8 +381,10 @@ export function samplesSection(context: Context): Section {
     }, 400);
 }
 
-/** A few numbers of the chosen sample, for the strip at the window's edge. */
+/** Errors of the chosen sample, or its views in a plan, for the strip at the window's edge. */
 export function sampleText(context: Context, sample: number): string {
+  const { kind, plan } = context.result;
+  if (kind === 'plan') return viewsText(plan?.views?.[sample] ?? []);
   const parts = sensorViews(context).flatMap((sensor) => {
     const view = sensor.views.find((v) => v.sample === sample);
     return view ? [`${sensor.name} ${quantity(view.rms, sensor.unit)}`] : [];
@@ -390,15 +393,15 @@ export function sampleText(context: Context, sample: number): string {
 }
 
 // ---- joints
-function jointUnit(context: Context, joint: string): { factor: number; name: string; error: { factor: number; name: string } } {
+export function jointUnit(context: Context, joint: string): { factor: number; name: string; error: { factor: number; name: string } } {
   const link = context.result.scene?.links.find((l) => l.joint === joint);
   return link?.type === 'prismatic' ? { factor: 1000, name: 'mm', error: shown('m') } : { factor: 180 / Math.PI, name: 'degrees', error: shown('rad') };
 }
-const plain = (values: (number | null)[], factor: number) => Float64Array.from(values, (v) => (v === null ? NaN : v * factor));
+export const plain = (values: (number | null)[], factor: number) => Float64Array.from(values, (v) => (v === null ? NaN : v * factor));
 
 export function jointsSection(context: Context): Section {
   return section('joints', 'Joint errors',
-    'The error of each reading that the fit had to assume, over the reading. Good: a level band around zero, about as wide as the dashed lines (the stated noise). Two bands: backlash. A wave: an eccentric encoder or a link that bends. A slope: a wrong gear.',
+    'Estimated error of each joint reading, over the reading. Good: a level band around zero, about as wide as the stated noise (dashed). Two bands: backlash. A wave: an eccentric encoder or a bending link. A slope: a wrong gear.',
     (host) => {
       const errors = Object.entries(context.samples.errors ?? {});
       if (!errors.length) return void host.append(missing('No errors of joint readings were estimated: the rig states its joints as exact, or the noise mode does not estimate them.'));
@@ -406,7 +409,7 @@ export function jointsSection(context: Context): Section {
       for (const [joint, given] of errors) {
         const readings = context.samples.joints?.[joint];
         const unit = jointUnit(context, joint);
-        // An axis of a floating joint has no reading of its own: its errors stand in the order of the samples.
+        // An axis of a floating joint has no reading of its own: its errors are in the order of the samples.
         const xs = readings ? plain(readings, unit.factor) : Float64Array.from(given.keys()), ys = plain(given, unit.error.factor);
         const level = context.result.noise_levels?.find((l) => l.of === `joint/${joint}`);
         const sigma = (level?.assumed ?? NaN) * unit.error.factor;
@@ -436,7 +439,7 @@ export function byJointSection(context: Context): Section | null {
   const joints = Object.keys(context.samples.joints ?? {});
   if (!joints.length || !context.residuals.length) return null;
   return section('byjoint', 'Residuals by joint angle',
-    'The mean residual of a sensor in each sample, over the reading of each joint. A slope, a wave or two levels at one joint say which joint the rest comes from.',
+    'The mean residual of a sensor in each sample, over the reading of each joint. A slope, a wave or two levels over one joint: the error comes from that joint.',
     (host) => {
       const all = sensorViews(context).filter((sensor) => sensor.rows.length);
       // A pose has two choices: where it is, and how it is turned.
@@ -456,7 +459,7 @@ export function byJointSection(context: Context): Section | null {
           const readings = context.samples.joints![joint];
           const xs = plain(sample.map((s) => readings[s]), u.factor);
           const [low, high] = extent(xs);
-          if (!(high - low > 1e-9)) return [];                       // a joint that did not move tells nothing
+          if (!(high - low > 1e-9)) return [];                       // a joint that did not move shows nothing
           return [plotFigure({
             title: joint, file: `${name}_over_${joint}`, height: 180, xLabel: `reading (${u.name})`, yLabel: `mean (${unit.name})`,
             x: padded([low, high]), y: range,

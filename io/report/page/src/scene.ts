@@ -7,7 +7,7 @@ import type { Options, Residual, View3d } from './view3d';
 
 interface Module { create(host: HTMLElement, options: Options): View3d }
 
-/** Runs the text of the 3-D view: a script of the page itself, which nobody parsed before. */
+/** Runs the text of the 3-D view: a script of the page itself, parsed only now. */
 function module(): Module {
   const page = globalThis as { kincalView3d?: Module };
   if (!page.kincalView3d) document.head.append(h('script', {}, document.getElementById('view3d')?.textContent ?? ''));
@@ -26,8 +26,10 @@ function residualsOf(context: Context, sample: number): Residual[] {
 }
 
 export function sceneSection(context: Context): Section {
-  return section('robot', 'The robot, before and after',
-    'Solid: after the calibration. Orange: where the same part was before, with the difference magnified. Ellipsoids: how far each sensor or target can be off (one standard deviation, magnified). Drag to turn, scroll to come nearer; small dots are the targets of all samples: click one to choose its sample. Arrows in it: from each point of the chosen sample towards where each sensor saw it, magnified. Click a sensor or a target to find it in the rest of the page.',
+  const plan = context.result.kind === 'plan';
+  return section('robot', plan ? 'The robot in the planned postures' : 'The robot, before and after',
+    plan ? 'Thick: the robot in the chosen posture. Thin: in all others. Drag to turn, scroll to zoom. To choose a posture, click the sensor or target at the end of a thin line, or use the list at the lower edge.' :
+    'Solid: after the calibration. Orange: the same part before, with the difference magnified. Ellipsoids: one standard deviation of the position of a sensor or target, magnified. Dots: the targets in all samples. Arrows: from each point of the chosen sample towards the place where the sensor saw it, magnified. Drag to turn, scroll to zoom. Click a dot to choose its sample, a sensor or target to mark it in the whole page.',
     (host) => {
       const scene = context.result.scene;
       if (!scene?.links.length) return void host.append(missing('The robot’s links are not in this file.'));
@@ -38,7 +40,7 @@ export function sceneSection(context: Context): Section {
       try {
         view = module().create(place, {
           scene, samples: context.samples, colours: colours(), sample: chosenSample(), choose: (sample) => choose(sample, false), choosePart,
-          residuals: (sample) => residualsOf(context, sample),
+          residuals: (sample) => residualsOf(context, sample), postures: plan,
         });
       } catch (error) {
         place.replaceChildren(missing(`This browser shows no 3-D graphics (${error instanceof Error ? error.message : error}).`));
@@ -58,17 +60,18 @@ export function sceneSection(context: Context): Section {
         const input = h('input', { type: 'checkbox', checked, change: () => set(input.checked) });
         return h('label', {}, input, label);
       };
-      controls.append(slider('Difference', 100, view.start.difference, view.difference));
+      if (plan) view.show('before', false);
+      else controls.append(slider('Difference', 100, view.start.difference, view.difference));
       if ([...scene.sensors, ...scene.targets].some((s) => s.covariance)) controls.append(slider('Uncertainty', 1000, view.start.uncertainty, view.uncertainty),
         box('uncertainty', true, (on) => view.show('ellipsoids', on)));
       if (context.residuals.length) controls.append(slider('Residuals', 10000, view.start.residuals, view.residuals),
         box('residuals of the chosen sample', true, (on) => view.show('arrows', on)));
-      controls.append(box('before', true, (on) => view.show('before', on)), box('names', true, (on) => view.show('names', on)),
+      controls.append(plan ? box('all postures', true, (on) => view.show('postures', on)) : box('before', true, (on) => view.show('before', on)), box('names', true, (on) => view.show('names', on)),
         box('axes', false, (on) => view.show('axes', on)));
       if (scene.links.some((l) => l.boxes?.length)) controls.append(box('bodies', true, (on) => view.show('bodies', on)));
       controls.append(h('button', { type: 'button', click: () => view.home() }, 'Whole robot'));
       if (scene.meshes_left_out) host.append(h('p', { class: 'small' },
-        `${plural(scene.meshes_left_out, 'link')} without a body: the URDF names their meshes by package://, or they are Collada or OBJ.`));
+        `${plural(scene.meshes_left_out, 'link')} drawn without a body: the URDF names the meshes by package://, or they are Collada or OBJ.`));
       onChoice(view.choose);
       onPart((part) => view.mark(part));
       onTheme(() => view.paint(colours()));

@@ -1,4 +1,4 @@
-// What the whole page shares: the chosen sample, and the theme. Plots and tables ask to be told when these change.
+// State of the whole page: the chosen sample, the chosen part and the theme. Plots and tables register for changes.
 
 let chosen = -1;
 const choosers = new Set<(sample: number) => void>();
@@ -53,11 +53,11 @@ export function colours(): Theme {
 export function onTheme(paint: () => void): void {
   painters.add(paint);
 }
-/** light, dark, or null: as the system says. */
+/** light, dark, or null: as the system's setting. */
 export function setTheme(name: string | null): void {
   if (name) document.documentElement.dataset.theme = name;
   else delete document.documentElement.dataset.theme;
-  theme = undefined;                                       // read again when it is asked for
+  theme = undefined;                                       // read again at the next use
   for (const paint of painters) paint();
 }
 export function isDark(): boolean {

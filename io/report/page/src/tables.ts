@@ -1,4 +1,4 @@
-// Sections that are mostly tables: errors a sensor, validation, weak directions, groups, steps, where it comes from.
+// Sections that are mostly tables: errors of sensors, validation, weak directions, groups, steps, inputs.
 import { chi2PerDof, components, type Context, type SensorErrors, type WeakDirection } from './data';
 import { dataTable, h, missing, section, svg, type Section } from './dom';
 import { digits, none, plainName, quantity, seconds, shown, size, time } from './format';
@@ -29,7 +29,7 @@ function noiseRatio(context: Context, sensor: string): number | null {
     .filter((level) => level.of === `sensor/${sensor}` && level.seen !== null && level.assumed)
     .map((level) => level.seen! / level.assumed!);
   if (ratios.length || !context.result.kind) return ratios.length ? Math.max(...ratios) : null;
-  // Of an evaluation nobody estimated noise: the size of its residuals in stated sigmas.
+  // An evaluation has no estimated noise: the size of its residuals in stated sigmas.
   const views = sensorViews(context).find((of) => of.name === sensor)?.views ?? [];
   const points = views.reduce((sum, view) => sum + view.n, 0);
   return points ? Math.sqrt(views.reduce((sum, view) => sum + view.n * view.ratio ** 2, 0) / points) : null;
@@ -37,9 +37,9 @@ function noiseRatio(context: Context, sensor: string): number | null {
 
 export function errorsSection(context: Context): Section {
   return section('errors', 'Errors of each sensor',
-    (context.result.kind ? 'At the rig’s own values. "Explained" is' : 'Read it across: "before" is the robot as it was, "explained"') +
-    ' what the model can explain, "in use" what the robot’s own software will see because it takes its joint readings at their word.' +
-    (context.result.kind ? '' : ' Held-out figures well above those of the fit mean too many numbers for these data.'),
+    (context.result.kind ? 'At the rig’s own values.' : 'Before: at the values of the rig.') +
+    ' Explained: with the error of each joint reading estimated. In use: with joint readings taken as exact, as the robot’s own software does.' +
+    (context.result.kind ? '' : ' Held-out errors far above those of the fit: too many parameters for these data.'),
     (host) => {
       const rows = errorRows(context);
       if (!rows.length) return void host.append(missing('The result has no errors of sensors.'));
@@ -95,16 +95,16 @@ export function errorsSection(context: Context): Section {
 export function validationSection(context: Context): Section | null {
   const validation = context.result.validation ?? {};
   if (!validation.baselines && !validation.frames && !validation.requirements) return null;
-  return section('validation', 'Is it better where it did not look?',
-    'Simpler calibrations on the same held-out data, required tolerances, and the predicted errors of chosen frames. A ratio above 1 means: the simpler one is better.',
+  return section('validation', 'Is it better on held-out data?',
+    'Simpler calibrations on the same held-out data, required tolerances, and the predicted errors of chosen frames. A ratio above 1: the simpler calibration is better.',
     (host) => {
       if (validation.requirements)
         host.append(dataTable(validation.requirements, [
-          { title: 'Asked', cell: (row) => row.require },
+          { title: 'Required', cell: (row) => row.require },
           { title: 'Limit', cell: (row) => quantity(row.limit, row.unit), numeric: true },
           { title: 'Measured', cell: (row) => quantity(row.measured, row.unit), numeric: true },
           { title: 'Met', cell: (row) => (row.met ? '✓ yes' : '✕ no') },
-          { title: 'On', cell: (row) => (row.from ?? none).replace('_', ' ') },
+          { title: 'Data', cell: (row) => (row.from ?? none).replace('_', ' ') },
         ], { caption: 'Tolerances.', file: 'tolerances' }));
       if (validation.baselines)
         host.append(dataTable(validation.baselines.rows, [
@@ -139,8 +139,8 @@ export function weakSection(context: Context): Section {
       const chosen = (context.result.weak_directions ?? []).filter(isChosen);
       if (!open.length)
         host.append(missing(badlyKnown(context.result).length
-          ? 'The data determine all directions; components no better than 1 cm, 1° or 1 % are listed first in the next section.'
-          : `No weak direction${chosen.length ? ' but those that are chosen, below' : ''}: every estimated component is better than 1 cm, 1° or 1 %.`));
+          ? 'The data determine all directions; components worse than 1 cm, 1° or 1 % are listed first in the next section.'
+          : `No weak direction${chosen.length ? ' except the chosen ones below' : ''}: every estimated component is better than 1 cm, 1° or 1 %.`));
       host.append(h('div', { class: 'weak' }, ...open.map(card)));
       if (chosen.length) host.append(h('h3', {}, 'Chosen, not measured'),
         h('p', { class: 'small' }, 'No data distinguish these, for example the position of the base frame or the rotation of a part about the last axis. A prior makes the choice; nothing has to be done.'),
@@ -149,7 +149,7 @@ export function weakSection(context: Context): Section {
 }
 function weakCard(w: WeakDirection, units: Map<string, string>): HTMLElement {
   const parts = Object.entries(w.parameters ?? {}).slice(0, 10);
-  // How far each number goes along: as far as one standard deviation, of what is not known at all for 1 mm or mrad.
+  // Change of each component for one standard deviation; if that is not determined, for 1 mm or mrad.
   const along = (name: string, v: number) => {
     const unit = units.get(name) ?? '';
     return typeof w.sigma === 'number' ? size(v * w.sigma, unit) : quantity(v / shown(w.unit).factor, unit, 2);
@@ -178,7 +178,7 @@ export function groupsSection(context: Context): Section | null {
     (host) => host.append(dataTable(groups, [
       { title: 'Group', cell: (row) => row.group },
       { title: 'Decision', cell: (row) => (row.held ? 'fixed at the nominal value' : 'estimated') },
-      { title: 'Numbers', cell: (row) => row.n, numeric: true },
+      { title: 'Components', cell: (row) => row.n, numeric: true },
       { title: 'Determined by the data', cell: (row) => digits(row.gamma === null ? null : Math.max(0, row.gamma), 2), value: (row) => row.gamma, numeric: true },
       { title: 'Usual error', cell: (row) => quantity(row.start, row.unit), value: (row) => row.start, numeric: true },
       { title: 'Width found', cell: (row) => quantity(row.width, row.unit), value: (row) => row.width, numeric: true },
@@ -214,7 +214,7 @@ function costPlot(host: HTMLElement, context: Context): void {
 }
 
 export function stepsSection(context: Context): Section {
-  return section('steps', 'How the fit went', 'Each step starts where the one before ended. A good step falls quickly, then stays level; one that creeps for dozens of iterations is nearly undetermined or far from its start.',
+  return section('steps', 'How the fit went', 'Each step starts at the values of the one before. Good: chi² falls quickly, then stays level. If it falls slowly over dozens of iterations, the step is nearly undetermined or started far away.',
     (host) => {
       const steps = context.result.steps ?? [];
       if (!steps.length) return void host.append(missing('The result has no steps.'));
@@ -263,7 +263,7 @@ export function noiseSection(context: Context): Section | null {
 }
 
 export function influenceSection(context: Context): Section {
-  return section('influence', 'Samples that weigh much',
+  return section('influence', 'Influential samples',
     'Change of the component without the sample, in its standard deviations. A few values slightly above 1 are normal; above 3 the component depends on one posture: check that sample, then record more like it. Click a row to see the sample everywhere.',
     (host) => {
       const leverage = context.result.leverage ?? [];
@@ -277,7 +277,7 @@ export function influenceSection(context: Context): Section {
       if (!leverage.length) host.append(missing('No sample moves any component by more than one standard deviation.'));
       else host.append(dataTable(leverage, [
         { title: 'Sample', cell: link },
-        { title: 'Number', cell: (row) => h('span', { title: row.parameter }, plainName(row.parameter)), value: (row) => row.parameter },
+        { title: 'Component', cell: (row) => h('span', { title: row.parameter }, plainName(row.parameter)), value: (row) => row.parameter },
         { title: 'Moves by (sigmas)', cell: (row) => (row.moved_sigmas === null ? 'not determined without it' : digits(row.moved_sigmas)), value: (row) => Math.abs(row.moved_sigmas ?? Infinity), numeric: true },
         { title: '', cell: (row) => svg('svg', { viewBox: '0 0 100 10', class: 'share', 'aria-hidden': 'true' },
           svg('rect', { x: 0, y: 1, width: Math.min(100, 20 * Math.abs(row.moved_sigmas ?? 5)), height: 8 }),
@@ -302,7 +302,7 @@ export function originSection(context: Context): Section {
     ['Robot', context.report.title || none], ['Serial number', result.serial ?? 'not given'],
     ['Date', time(result.time ?? result.input?.date)], ['Program', result.kincal ? `kincal ${result.kincal}` : none],
     ...(result.kind ? [] : [['Status', result.status?.replace('_', ' ') ?? none], ['Joint readings', `noise mode "${result.noise ?? 'unknown'}"`],
-      ['Numbers estimated', String(components(result).filter((c) => c.sigma !== 0).length)]] as [string, string][]),
+      ['Components estimated', String(components(result).filter((c) => c.sigma !== 0).length)]] as [string, string][]),
     ['Command', result.input?.command ?? none], ['rig.yaml (SHA-256)', result.input?.rig ?? none],
     ['Samples (SHA-256)', result.input?.samples ?? none], ['URDF (SHA-256)', result.input?.urdf ?? none],
   ];
@@ -320,7 +320,7 @@ export function originSection(context: Context): Section {
 }
 
 export function licencesSection(): Section {
-  return section('licences', 'Licences', 'This page has parts of other projects in it; these are their licences.', (host) => {
+  return section('licences', 'Licences', 'This page contains code of other projects under these licences.', (host) => {
     host.append(h('details', {}, h('summary', {}, 'three.js and uPlot (MIT)'),
       h('pre', { class: 'licence' }, document.getElementById('licence-texts')?.textContent?.trim() ?? '')));
   }, 40);

@@ -15,10 +15,12 @@ export interface Options {
   /** A sensor or target was clicked ("sensor/NAME", "target/NAME"), and a point of the target, or -1. */
   choosePart: (part: string, point: number) => void;
   residuals: (sample: number) => Residual[];
+  /** Draws the robot in all samples, thin. */
+  postures: boolean;
 }
-/** What one sensor sees of one point: predicted minus measured, in m or px; of a pose the part of its place. */
+/** The residual of one point in one sensor: predicted minus measured, m or px; of a pose its translation. */
 export interface Residual { sensor: string; target: string; id: number; r: number[]; px: boolean }
-export type Part = 'before' | 'names' | 'axes' | 'bodies' | 'ellipsoids' | 'arrows';
+export type Part = 'postures' | 'before' | 'names' | 'axes' | 'bodies' | 'ellipsoids' | 'arrows';
 export interface View3d {
   /** Factors at which the largest difference and the largest uncertainty are well seen, and not larger than the robot. */
   start: { difference: number; uncertainty: number; residuals: number };
@@ -50,7 +52,7 @@ function frustum(sensor: SceneSensor, depth: number): number[] {
   const corners = [corner(0, 0), corner(w, 0), corner(w, h), corner(0, h)];
   const made: number[] = [];
   corners.forEach((c, i) => made.push(0, 0, 0, ...c, ...c, ...corners[(i + 1) % 4]));
-  // A tick on the upper side says which way up the image is.
+  // A tick marks the upper side of the image.
   made.push(...corner(w * 0.45, 0), ...corner(w / 2, -h * 0.12), ...corner(w / 2, -h * 0.12), ...corner(w * 0.55, 0));
   return made;
 }
@@ -71,7 +73,7 @@ function targetLines(target: SceneTarget, size: number): number[] {
   }
   return made;
 }
-/** Links that carry a sensor or a target, and all above them: what the picture is about. Others are drawn thin. */
+/** Links that carry a sensor or a target, and all above them. Others are drawn thin. */
 function chainLinks(scene: Scene): Set<number> {
   const kept = new Set<number>();
   for (const s of [...scene.sensors, ...scene.targets])
@@ -92,7 +94,7 @@ function poses(options: Options, sample: number) {
   const mounted = (s: { link: number; before: Pose7 | null; after: Pose7 | null }): Body | null => {
     if (s.link < 0 || !s.after) return null;
     const b = compose(before[s.link], s.before ?? s.after);
-    return { after: compose(after[s.link], s.after), before: b, open: !s.before };     // open: the rig did not say where
+    return { after: compose(after[s.link], s.after), before: b, open: !s.before };     // open: the rig gives no pose
   };
   return {
     links: after.map((pose, i): Body => ({ after: pose, before: before[i] })),
@@ -135,7 +137,7 @@ export function create(host: HTMLElement, options: Options): View3d {
   renderer.setPixelRatio(Math.min(2, devicePixelRatio || 1));
   const canvas = renderer.domElement;
   canvas.tabIndex = 0;
-  canvas.setAttribute('aria-label', 'The robot in three dimensions. Arrow keys turn it, plus and minus come nearer and go away.');
+  canvas.setAttribute('aria-label', 'The robot in three dimensions. Arrow keys turn it, plus and minus zoom.');
   host.append(canvas);
   const stage = new Stage();
   stage.add(new AmbientLight(0xffffff, 1.6));
@@ -156,14 +158,14 @@ export function create(host: HTMLElement, options: Options): View3d {
     ellipsoid: new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false }),
     body: new LineBasicMaterial({ transparent: true, opacity: 0.5 }),
     dots: new PointsMaterial({ size: 4, sizeAttenuation: false }), chosen: new PointsMaterial({ size: 10, sizeAttenuation: false, depthTest: false }),
-    marked: new LineBasicMaterial(), arrow: new LineBasicMaterial({ depthTest: false }),
+    posture: new LineBasicMaterial({ transparent: true, opacity: 0.5 }), marked: new LineBasicMaterial(), arrow: new LineBasicMaterial({ depthTest: false }),
   };
-  const world = { links: new Group(), before: new Group(), axes: new Group(), bodies: new Group(), ellipsoids: new Group(), dots: new Group(), arrows: new Group() };
+  const world = { links: new Group(), before: new Group(), axes: new Group(), bodies: new Group(), ellipsoids: new Group(), dots: new Group(), arrows: new Group(), postures: new Group() };
   stage.add(...Object.values(world));
   world.axes.visible = false;
 
   let sample = options.sample, k = 10, sigmas = 30, times = 1, reach = 1, marked = '';
-  /** What a click finds: dots of samples, sensors, points of targets. */
+  /** Things that can be clicked: dots of samples, sensors, points of targets. */
   let found: { at: Vector3; sample?: number; part?: string; point?: number }[] = [];
   const kept = chainLinks(scene);
   const clear = (group: Group) => {
@@ -178,8 +180,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     const rods: Matrix4[] = [], rest: number[] = [];
     const up = new Vector3(0, 1, 0);
     scene.links.forEach((link, i) => {
-      let parent = link.parent;
-      while (parent >= 0 && scene.links[parent].between_axes) parent = scene.links[parent].parent;
+      const parent = above(i);
       if (parent < 0 || link.between_axes) return;
       const a = new Vector3(...(pick(bodies[parent]).slice(0, 3) as [number, number, number]));
       const b = new Vector3(...(pick(bodies[i]).slice(0, 3) as [number, number, number]));
@@ -244,7 +245,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     const size = reach * 0.05;
     bones(p.links, (b) => b.after, materials.bone, world.links, materials.thin);
     bones(p.links, (b) => magnified(b.after, b.before, k), materials.ghost, world.before, null);
-    const seats = new Map<string, string[]>();              // names that would lie on each other stand in one line
+    const seats = new Map<string, string[]>();              // names at the same place are in one line
     const seat = (text: string, pose: Pose7) => {
       const key = pose.slice(0, 3).map((v) => Math.round(v / (reach * 0.02))).join();
       seats.set(key, [...(seats.get(key) ?? []), text]);
@@ -296,7 +297,35 @@ export function create(host: HTMLElement, options: Options): View3d {
     }));
     dots();
     arrows(p);
+    postures(p);
     render();
+  }
+  /** The link above that is drawn: not those between the axes of an opened joint. */
+  function above(i: number): number {
+    let parent = scene.links[i].parent;
+    while (parent >= 0 && scene.links[parent].between_axes) parent = scene.links[parent].parent;
+    return parent;
+  }
+  /** Thin lines along the robot in all other samples, out to its sensors and targets; a click there chooses the sample. */
+  function postures(now: ReturnType<typeof poses>): void {
+    if (!options.postures) return;
+    const made: number[] = [];
+    const add = (a: Pose7, b: Pose7) => made.push(...a.slice(0, 3), ...b.slice(0, 3));
+    for (let s = 0; s < options.samples.id.length; s++) {
+      if (s === Math.max(0, sample)) continue;
+      const p = poses(options, s);
+      scene.links.forEach((link, i) => {
+        if (kept.has(i) && !link.between_axes && above(i) >= 0) add(p.links[above(i)].after, p.links[i].after);
+      });
+      const ends = (all: (Body | null)[], these: (Body | null)[], links: number[]) => all.forEach((body, i) => {
+        if (!body || !these[i] || distance(body.after, these[i].after) < 1e-3) return;
+        if (links[i] >= 0) add(p.links[links[i]].after, body.after);
+        found.push({ at: new Vector3(...(body.after.slice(0, 3) as [number, number, number])), sample: s });
+      });
+      ends(p.sensors, now.sensors, scene.sensors.map((one) => one.link));
+      ends(p.targets, now.targets, scene.targets.map((one) => one.link));
+    }
+    if (made.length) world.postures.add(lines(made, materials.posture));
   }
   /** From each point of the chosen sample towards where each sensor saw it, magnified. */
   function arrows(p: ReturnType<typeof poses>): void {
@@ -323,7 +352,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     mesh.matrix.makeBasis(columns[0], columns[1], columns[2]).setPosition(pose[0], pose[1], pose[2]);
     world.ellipsoids.add(mesh);
   }
-  /** Where free targets were in all samples; each point knows its sample. */
+  /** Where free targets were in all samples; each point has its sample. */
   function dots(): void {
     const all: number[] = [], chosen: number[] = [];
     for (const given of Object.values(options.samples.targets ?? {}))
@@ -344,6 +373,7 @@ export function create(host: HTMLElement, options: Options): View3d {
     stage.background = new Color(colours.panel);
     materials.bone.color.set(colours.faint);
     materials.thin.color.set(colours.line);
+    materials.posture.color.set(colours.after);
     materials.sensor.color.set(colours.after);
     materials.target.color.set(colours.good);
     materials.before.color.set(colours.before);
@@ -362,7 +392,9 @@ export function create(host: HTMLElement, options: Options): View3d {
     const vector = (body: Body) => new Vector3(body.after[0], body.after[1], body.after[2]);
     const corners = scene.links.flatMap((link, i) => (link.boxes ?? []).flatMap((box) => [0, 1, 2, 3, 4, 5, 6, 7].map((c) =>
       compose(compose(p.links[i].after, box.pose), [...box.size.map((s, k) => ((c >> k) & 1 ? s : -s) / 2), 0, 0, 0, 1]))));
+    const others = options.postures ? options.samples.id.map((_, s) => poses(options, s)) : [];
     const robot = [...[...p.links.filter((_, i) => kept.has(i)), ...p.sensors].flatMap((body) => (body ? [vector(body)] : [])),
+      ...others.flatMap((o) => [...o.links.filter((_, i) => kept.has(i)), ...o.sensors, ...o.targets.filter((_, i) => scene.targets[i].link >= 0)].flatMap((body) => (body ? [vector(body)] : []))),
       ...corners.map(([x, y, z]) => new Vector3(x, y, z))];
     const box = new Box3().setFromPoints(robot);
     const size = box.getSize(new Vector3()).length();

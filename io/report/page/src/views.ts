@@ -21,7 +21,7 @@ export function taken(column: Float64Array, rows: Int32Array, factor = 1): Float
   return made;
 }
 
-/** How many numbers a residual of the sensor has: 2 or 3 a point, 6 a pose. */
+/** Number of components of a residual: 2 or 3 a point, 6 a pose. */
 export function dimension(residuals: Table, rows: Int32Array): number {
   const some = (name: string) => {
     if (!residuals.has(name)) return false;
@@ -31,7 +31,7 @@ export function dimension(residuals: Table, rows: Int32Array): number {
   return some('rx') ? 6 : some('z') ? 3 : 2;
 }
 
-/** What one sensor sees in one sample: number of rows, root mean square of the residual's length (base unit), its mean
+/** The residuals of one sensor in one sample: number of rows, root mean square of the residual's length (base unit), its mean
  *  along each component (x, y, z, rx, ry, rz; NaN: it has none), and its size against the stated noise: 1 is as large as expected. */
 export interface View { sample: number; n: number; rms: number; mean: number[]; ratio: number }
 
@@ -63,7 +63,7 @@ export function viewsOf(residuals: Table, rows: Int32Array): View[] {
 export interface SensorViews { name: string; index: number; unit: string; rows: Int32Array; d: number; views: View[] }
 const made = new WeakMap<Context, SensorViews[]>();
 
-/** All sensors with what they see; made once. */
+/** All sensors with their views; made once. */
 export function sensorViews(context: Context): SensorViews[] {
   let all = made.get(context);
   if (!all) {

@@ -73,7 +73,7 @@ if (overview) {
   const ratio = (result.chi2_data ?? result.chi2) / (result.dof_data ?? result.dof);
   if (Number.isFinite(ratio)) check((await text('#verdict')).includes(await digits(ratio)), `chi2/dof ${await digits(ratio)}`);
   const sections = await page.locator('main > section').evaluateAll((all) => all.map((s) => s.id));
-  const wanted = result.kind === 'check' ? ['findings', 'tested', 'coverage', 'origin', 'licences']
+  const wanted = result.kind === 'plan' ? ['forecast', 'robot', 'postures', 'coverage', 'origin', 'licences'] : result.kind === 'check' ? ['findings', 'tested', 'coverage', 'origin', 'licences']
     : result.kind ? ['errors', 'samples', 'residuals', 'byjoint', 'coverage', 'origin', 'licences'] : ['errors', 'robot', 'loops', 'weak', 'sigmas', 'changes', 'samples', 'residuals', 'joints', 'coverage', 'influence', 'correlation', 'steps', 'origin', 'licences'];
   check(wanted.every((id) => sections.includes(id)), `sections: ${sections.join(' ')}`);
   for (const id of sections) {
@@ -86,6 +86,10 @@ if (overview) {
     const v = sensor.train?.rms_as_read;
     if (v) check(errorsText.includes(name) && errorsText.includes(await digits(v * (sensor.unit === 'px' ? 1 : 1000))), `error of ${name}: ${await digits(v * (sensor.unit === 'px' ? 1 : 1000))}`);
   }
+  for (const row of result.validation?.stages?.rows ?? [])
+    check((await text('#curves')).includes(await digits(row.rms * (row.unit === 'px' ? 1 : 1000))), `held-out error ${row.added.length ? `with ${row.added}` : 'of the rigid robot'}`);
+  if (result.curves) check((await page.locator('#curves canvas.over').count()) === Object.keys(result.curves).length, 'a plot for each curve');
+  if (result.plan) check((await text('#verdict')).includes(await digits(result.plan.forecast.at(-1).planned * (result.plan.unit === 'm' ? 1000 : 1))), 'the forecast on the first screen');
   if (result.steps?.length) check((await text('#steps')).includes(await digits(result.steps.at(-1).chi2)), 'chi2 of the last step');
   if (result.input?.rig) check((await text('#origin')).includes(result.input.rig), 'hash of the rig');
   for (const weak of (result.weak_directions ?? []).slice(0, 2)) check((await text('#weak')).includes(weak.why.slice(1, 60)), 'why a direction is weak');

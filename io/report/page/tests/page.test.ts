@@ -2,12 +2,14 @@
 // what is told first, the order of an overview. Does not prove what a browser draws: tests/browser.mjs does.
 import { describe, expect, test } from 'vitest';
 import { badlyKnown, fitWord, heldLines, heldSentence, leastKnown, nextSteps, openDirections, sentence, weakSentence } from '../src/advice';
+import { curveAt, stageName } from '../src/bending';
 import { componentNames, components, context, judged, openPoses, table, type Link, type Report, type Result } from '../src/data';
 import { pooled } from '../src/first';
 import { csv, digits, list, plainList, plainName, quantity, size, time } from '../src/format';
 import { aboutAxis, chiDensity, compose, eigen3, histogram, identity, inverse, linkPoses, magnified, quantile, rollPitchYaw, rotate, ticks } from '../src/maths';
 import { strongest } from '../src/numbers';
 import { safeLink, worstFirst } from '../src/overview';
+import { viewsText } from '../src/plans';
 import { sampleLines, sensorViews } from '../src/views';
 
 const near = (a: number[], b: number[], tolerance = 1e-12) => a.forEach((v, i) => expect(Math.abs(v - b[i])).toBeLessThan(tolerance));
@@ -35,6 +37,12 @@ describe('text', () => {
     expect(plainList(['x', 'y', 'rx', 'ry', 'rz'].map((part) => `joint/a/origin.${part}`))).toBe('a: origin x, y, turn about x, y, z');
     expect(plainList(names, 3)).toBe('a: origin x, turn about z; b: zero offset; c: mount y and 3 more');
   });
+  test('stages and views in words', () => {
+    expect(stageName([])).toBe('rigid');
+    expect(stageName(['compliance', 'curve/a'])).toBe('+ bending about the joint axes and error curve of a');
+    expect(stageName(['curve/a', 'curve/b'])).toBe('+ error curves of 2 joints');
+    expect(viewsText([['left', 'board'], ['tracker', 'ball'], ['right', 'board']])).toBe('board: left and right; ball: tracker');
+  });
   test('CSV quotes what it has to and starts no formula', () => {
     expect(csv([['a,b', 'say "x"', '=1+1', 2, null, NaN]])).toBe('"a,b","say ""x""",\'=1+1,2,,\r\n');
     expect(csv([[-0.5]])).toBe('-0.5\r\n');
@@ -56,6 +64,11 @@ describe('mathematics', () => {
       expect(area).toBeCloseTo(1, 5);
       expect(square).toBeCloseTo(k, 4);
     }
+  });
+  test('a curve between its places, and nothing outside', () => {
+    const curve = { reading: [0, 1, 3], error: [0, 2, 4] };
+    expect([0, 0.5, 2, 3].map((v) => curveAt(curve, v))).toEqual([0, 1, 3, 4]);
+    expect([-0.1, 3.1, NaN].every((v) => Number.isNaN(curveAt(curve, v))) && Number.isNaN(curveAt({}, 0))).toBe(true);
   });
   test('quantiles, histograms and ticks', () => {
     expect(quantile([3, 1, 2, NaN], 0.5)).toBe(2);
