@@ -29,6 +29,7 @@ void say(const DetectArguments& a, const Filled& filled) {
       std::cout << line << "\n";
   for (const std::string& line : filled.lost) std::cout << "left out: " << line << "\n";
   for (const std::string& note : filled.notes) std::cout << note << "\n";
+  if (a.quiet) return;
   std::cout << filled.found << " of " << filled.views << " views found";
   if (filled.unusable > 0) std::cout << ", " << filled.unusable << " images not usable";
   std::cout << "; " << filled.samples << " samples\n";

@@ -48,7 +48,8 @@ void add_detect_options(CLI::App& command, DetectArguments& a) {
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   command.add_flag("--force", a.force, "replace an existing file");
-  command.add_flag("--quiet", a.quiet, "no progress, and one line only for each image that failed");
+  command.add_flag("--quiet", a.quiet,
+                   "no progress, no summary; a line for each image that failed");
   command.footer(
       "Images that cannot be used and targets that are not found are listed and left out. Exit "
       "codes: 0 samples written; 1 bad input, or\n"

@@ -49,8 +49,9 @@ int record_bag(const Arguments& a) {
   line.clear();
   if (!bag.written) return say_interrupted();
   const std::string scans = bag.scans > 0 ? std::to_string(bag.scans) + " scans, " : "";
-  std::printf("%s%d images and %d readings of the joints in %.1f s\nWritten to %s\n", scans.c_str(),
-              bag.images, bag.readings, bag.duration, a.bag.c_str());
+  if (!a.quiet)
+    std::printf("%s%d images and %d readings of the joints in %.1f s\nWritten to %s\n",
+                scans.c_str(), bag.images, bag.readings, bag.duration, a.bag.c_str());
   return kConverged;
 }
 
@@ -65,7 +66,7 @@ int render_all(const Arguments& a) {
   options.progress = line.progress().in("rendering images");
   const int count = render_samples(rig, a.samples, a.truth, options);
   line.clear();
-  std::cout << count << " pictures\n";
+  if (!a.quiet) std::cout << count << " pictures\n";
   return kConverged;
 }
 
@@ -83,7 +84,7 @@ int main(int argc, char** argv) try {
   add_render_options(app, a.look);
   add_journey_options(app, a.journey);
   app.add_flag("--force", a.force, "replace existing images");
-  app.add_flag("--quiet", a.quiet, "no progress");
+  app.add_flag("--quiet", a.quiet, "no progress, no summary");
   return run_image_program(app, argc, argv,
                            [&a] { return a.bag.empty() ? render_all(a) : record_bag(a); });
 } catch (const std::exception& error) {  // before the work began; what that throws is said there

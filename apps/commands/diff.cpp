@@ -16,10 +16,17 @@ struct DiffArguments {
 };
 
 int diff(const DiffArguments& args) {
-  const CalibratedFiles a = read_calibrated(args.a), b = read_calibrated(args.b);
+  const CalibratedFiles first = read_calibrated(args.a);
+  const bool truth = is_truth_file(args.b);  // then errors: the result less the truth
+  const CalibratedFiles second = truth ? read_true_values(args.b, first) : read_calibrated(args.b);
+  const CalibratedFiles &a = truth ? second : first, &b = truth ? first : second;
   const Comparison comparison = compare(a, b, args.frames, args.samples);
   if (args.json)
     std::cout << comparison_json(a, b, comparison);
+  else if (truth)
+    std::cout << "Result: " << args.a << "\nTruth: " << args.b << "\n\n"
+              << comparison_table(comparison, comparison.parameters.size() * 6)
+              << errors_text(b, comparison);
   else
     std::cout << "A: " << args.a << "\nB: " << args.b << "\n\n" << comparison_table(comparison, 30);
   return kConverged;
@@ -29,10 +36,12 @@ int diff(const DiffArguments& args) {
 
 Command diff_command(CLI::App& app) {
   auto a = std::make_shared<DiffArguments>();
-  CLI::App* command =
-      app.add_subcommand("diff", "Compare two calibrations of one robot by parameter and by frame");
+  CLI::App* command = app.add_subcommand(
+      "diff",
+      "Compare two calibrations of one robot by parameter and by frame, or one with the truth");
   command->add_option("A", a->a, "result directory, its result.json, or a rig.yaml")->required();
-  command->add_option("B", a->b, "likewise")->required();
+  command->add_option("B", a->b, "likewise, or the truth.json of `kincal simulate`: errors of A")
+      ->required();
   command
       ->add_option("--frame", a->frames,
                    "link, sensor/NAME or target/NAME whose pose relative to the base is compared; "

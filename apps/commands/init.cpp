@@ -145,7 +145,8 @@ int init(const InitArguments& a) {
   write_file(a.out, text, a.force);
   read_rig(a.out);
   if (!robot.text.empty()) std::cout << "Written to " << robot.path << ": the robot\n";
-  std::cout << "Written to " << a.out << ": look for GUESS in it\n";
+  std::cout << "Written to " << a.out
+            << (text.find("GUESS") == std::string::npos ? "\n" : ": look for GUESS in it\n");
   return kConverged;
 }
 

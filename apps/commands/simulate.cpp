@@ -87,6 +87,16 @@ ImageNames name_images(const SimulateArguments& a, const Rig& rig, std::vector<S
   return out;
 }
 
+/// The folder of --out that holds the images, if they are to be inside it; else "".
+std::string folder_of_images(const SimulateArguments& a) {
+  namespace fs = std::filesystem;
+  if (a.render.empty()) return "";
+  const fs::path inside = fs::absolute(a.render).lexically_normal().lexically_relative(
+      fs::absolute(a.out).lexically_normal());
+  const std::string first = inside.empty() ? "" : inside.begin()->string();
+  return first == ".." || first == "." ? "" : first;
+}
+
 /// Becomes the program that takes the pictures, for a folder or a bag.
 [[noreturn]] void take_pictures(const std::string& program, const SimulateArguments& a) {
   std::vector<std::string> words = {
@@ -110,7 +120,7 @@ int simulate(const SimulateArguments& a) {
                          kBuiltWithImages)
           : "";
   say_cleared(clear_leftovers(a.out));
-  check_output(a.out, a.force);
+  check_output(a.out, a.force, folder_of_images(a));
   if (!a.bag.empty()) {
     say_cleared(clear_leftovers(a.bag));
     check_output_file(a.bag, a.force);
@@ -152,12 +162,15 @@ int simulate(const SimulateArguments& a) {
   files.emplace_back("samples.jsonl", samples_text(rig_file.rig, simulation.samples, images.paths));
   files.emplace_back("truth.json", truth_text(rig_file.rig, job.table, simulation));
   begin_writing();
-  if (!write_directory(a.out, files, a.force, not_interrupted)) return say_interrupted();
-  std::printf("%zu samples", simulation.samples.size());
-  for (const auto& v : views)
-    std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
-  std::printf("\nWritten to %s: samples.jsonl, truth.json%s\n", a.out.c_str(),
-              !pictures || poses ? "" : ", joints.csv");
+  if (!write_directory(a.out, files, a.force, not_interrupted, "", folder_of_images(a)))
+    return say_interrupted();
+  if (!a.quiet) {
+    std::printf("%zu samples", simulation.samples.size());
+    for (const auto& v : views)
+      std::printf(", %s %d views", rig_file.rig.sensors[v.first].name.c_str(), v.second);
+    std::printf("\nWritten to %s: samples.jsonl, truth.json%s\n", a.out.c_str(),
+                !pictures || poses ? "" : ", joints.csv");
+  }
   if (!program.empty()) take_pictures(program, a);
   return kConverged;
 }
@@ -181,7 +194,9 @@ Command simulate_command(CLI::App& app) {
   command->add_option("--out", a->out, "new directory for samples.jsonl and truth.json")
       ->required();
   CLI::Option* truth_option = command->add_option(
-      "--truth", a->truth, "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments");
+      "--truth", a->truth,
+      "JSON: {\"parameters\": {NAME: true value, ...}}; poses as increments from the "
+      "rig's (absent: from the identity)");
   command
       ->add_option("--spread", a->spread,
                    "GLOB=SIGMA: draw true values around the rig's, e.g. 'joint/*/offset=0.01'")
@@ -189,8 +204,9 @@ Command simulate_command(CLI::App& app) {
       ->type_name("GLOB")
       ->excludes(truth_option);
   command->add_option("--postures", a->postures,
-                      "JSON lines with postures, views and poses of targets; default: uniform "
-                      "within the joint limits");
+                      "JSON lines with postures, views and poses of targets; without views: all "
+                      "whole targets that are seen. Default: random postures within the joint "
+                      "limits in which a target is seen");
   CLI::Option* render =
       command->add_option("--render", a->render,
                           "also render images of boards and markers into this folder; views get an "
@@ -205,7 +221,7 @@ Command simulate_command(CLI::App& app) {
   bag->type_name("FILE")->excludes(render)->check(ends_as_a_bag);
   for (CLI::Option* option : add_journey_options(*command, a->journey)) option->needs(bag);
   command->add_flag("--force", a->force, "replace an existing simulation");
-  command->add_flag("--quiet", a->quiet, "no progress");
+  command->add_flag("--quiet", a->quiet, "no progress, no summary");
   command->footer(
       "Exit codes: 0 written; 1 bad input or usage, nothing written; 130 interrupted, nothing "
       "written.");

@@ -7,6 +7,15 @@
 
 namespace kincal {
 
+std::string errors_text(const CalibratedFiles& b, const Comparison& comparison) {
+  std::string out;
+  for (const bool estimated : {true, false})
+    if (const ErrorsInSigmas e = errors_in_sigmas(b, comparison, estimated); e.components > 0)
+      out += text("  rms %.2f, largest %.2f, of %d components %s\n", e.rms, e.worst, e.components,
+                  estimated ? "that were estimated" : "kept at nominal values");
+  return out.empty() ? "" : "\nError / sigma (1 is expected)\n" + out;
+}
+
 std::string comparison_table(const Comparison& comparison, size_t most) {
   std::vector<WeightedRow> lines;
   bool poses = false;
@@ -33,14 +42,16 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
     }
   sort_by_weight(lines);
   std::vector<std::vector<std::string>> rows = {
-      {"parameter", "unit", "A", "B", "difference", "sigma", "in sigmas"}};
+      {"parameter", "unit", comparison.errors ? "true" : "A", comparison.errors ? "estimated" : "B",
+       comparison.errors ? "error" : "difference", "sigma", "in sigmas"}};
   for (size_t i = 0; i < lines.size() && i < most; ++i) rows.push_back(lines[i].cells);
-  std::string out = "Parameters that differ most\n";
+  std::string out =
+      comparison.errors ? "Errors of the parameters\n" : "Parameters that differ most\n";
   if (poses)
-    out +=
-        "  Poses and origins: translation and rotation of B's frame relative to A's, along and "
-        "about A's axes;\n"
-        "  --json has xyz and rpy of both, which cannot be subtracted.\n";
+    out += std::string("  Poses and origins: translation and rotation of ") +
+           (comparison.errors ? "the estimated frame relative to the true one, along and about its"
+                              : "B's frame relative to A's, along and about A's") +
+           " axes;\n  --json has xyz and rpy of both, which cannot be subtracted.\n";
   out += lines.empty() ? "  none\n" : align(rows, 2);
   if (lines.size() > most) out += text("  ... and %zu more with --json\n", lines.size() - most);
   if (!comparison.frames.empty()) {

@@ -8,6 +8,9 @@
 
 namespace kincal {
 
+/// The root mean square of error / sigma, of what b estimated and of what it held.
+std::string errors_text(const CalibratedFiles& b, const Comparison& comparison);
+
 /// Shows the `most` parameters that differ most in sigmas, and the frames.
 std::string comparison_table(const Comparison& comparison, size_t most);
 

@@ -18,12 +18,17 @@
 namespace kincal {
 namespace {
 
+/// A pose that the rig does not have.
+bool is_new(const Solution& solution, const ParameterEstimate& e) {
+  return std::count(solution.computed_starts.begin(), solution.computed_starts.end(), e.name) > 0;
+}
+
 /// The `most` components of parameters that changed most, with sigmas.
 std::string parameter_table(const Report& report, size_t most) {
   std::vector<WeightedRow> lines;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; c < e.value.size(); ++c) {
-      if (e.sigma[c] == 0) continue;
+      if (e.sigma[c] == 0 || is_new(report.solution, e)) continue;
       const Unit unit = shown(e.units[c]);
       const double change = e.value[c] - e.initial[c];
       lines.push_back({weight_of(change, e.units[c]),
@@ -370,14 +375,11 @@ std::string report_text(const Report& report, const ResultFiles& files) {
         loop_table(report);
   out += "\nParameters that changed most\n" + parameter_table(report, 12);
   if (!report.solution.computed_starts.empty()) {
-    out +=
-        "\nPoses without a value in the rig (started from the data; the changes above count from "
-        "there)\n";
+    out += "\nPoses without a value in the rig (new, no changes)\n";
     std::vector<std::vector<std::string>> poses = {
         {"parameter", "x", "y", "z", "roll", "pitch", "yaw", ""}};
     for (const ParameterEstimate& e : report.solution.parameters)
-      if (std::count(report.solution.computed_starts.begin(), report.solution.computed_starts.end(),
-                     e.name)) {
+      if (is_new(report.solution, e)) {
         const Vector3d& t = e.pose->translation;
         const Vector3d rpy = rpy_from_rotation(e.pose->rotation);
         std::vector<std::string> row = {e.name};

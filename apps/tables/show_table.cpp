@@ -6,6 +6,7 @@
 #include <map>
 #include <sstream>
 
+#include "../../kinematics/transform.h"
 #include "../../models/notices/notice.h"
 #include "table.h"
 
@@ -112,6 +113,11 @@ std::string part_name(const std::string& parameter, size_t c, size_t size) {
   return c < names.size() ? names[c] : std::to_string(c + 1);
 }
 
+/// A pose that the rig does not have.
+bool is_new(const Field& parameter) {
+  return parameter.has("nominal") && !parameter["nominal"].boolean();
+}
+
 std::string change_table(const Field& result) {
   struct Change {
     double weight, size;
@@ -121,6 +127,7 @@ std::string change_table(const Field& result) {
   const Field parameters = result["parameters"];
   for (const auto& [name, ignored] : parameters.members()) {
     const Field p = parameters[name];
+    if (is_new(p)) continue;
     const std::vector<std::string> units = p["unit"].strings();
     const std::vector<double> before = p["initial"].vector(), after = p["value"].vector();
     if (before.size() != after.size() || units.size() != after.size())
@@ -151,6 +158,38 @@ std::string change_table(const Field& result) {
     rows.back().insert(rows.back().end(), changes[i].cells.begin() + 1, changes[i].cells.end());
   }
   return "\nLargest changes, of " + std::to_string(changes.size()) + "\n" + narrowed(rows);
+}
+
+/// Poses that the rig does not have: their values, which are no changes.
+std::string new_table(const Field& result) {
+  std::vector<std::vector<std::string>> rows;
+  const Field parameters = result["parameters"];
+  for (const auto& [name, ignored] : parameters.members()) {
+    const Field p = parameters[name];
+    if (!is_new(p)) continue;
+    const Pose pose = p["pose"].pose();
+    const Vector3d rpy = rpy_from_rotation(pose.rotation), &xyz = pose.translation;
+    double sigma[2] = {0, 0};  // the largest of each three; NaN stays
+    for (size_t c = 0; c < 6; ++c) {
+      const double s = number_or_unknown(p["sigma"].item(c));
+      if (!(s <= sigma[c / 3])) sigma[c / 3] = s;
+    }
+    const auto row = [&](const std::string& first, const char* what, const Vector3d& v,
+                         double largest, const char* unit) {
+      const double factor = unit[0] == 'm' ? 1e3 : 1;
+      rows.push_back({first, what});
+      for (int c = 0; c < 3; ++c)
+        rows.back().push_back(text(factor > 1 ? "%.2f" : "%.4f", v(c) * factor));
+      rows.back().push_back(std::isfinite(largest) ? text("± %.2g", largest * factor)
+                                                   : "not known");
+      rows.back().push_back(unit);
+    };
+    row(name, "xyz", xyz, sigma[0], "mm");
+    row("", "rpy", rpy, sigma[1], "rad");
+  }
+  return rows.empty()
+             ? ""
+             : "\nNew, because the rig has no value (largest sigma of three)\n" + align(rows, 2);
 }
 
 /// The first lines of a list, and how many more there are.
@@ -227,7 +266,10 @@ std::string more_data_line(const Field& result) {
   out += more["worth"].boolean() ? ": worth it" : ": not worth it";
   const std::vector<std::string> open = more["open"].strings();
   for (size_t i = 0; i < open.size(); ++i)
-    out += (i ? ", " : "; samples like these hardly determine ") + open[i];
+    out += (i ? ", "
+              : "; the rest is mostly due to parameters that samples like these hardly "
+                "determine: ") +
+           open[i];
   return "\n" + wrapped(out + ". (`kincal plan` proposes postures.)", "", 0);
 }
 
@@ -244,7 +286,7 @@ std::string show_text(const Field& result, bool all) {
   out += verdict_details(result);
   if (result.has("findings"))
     out += some_lines("What else may be wrong", unsaid(result, "findings", false));
-  out += "\n" + error_table(result) + change_table(result);
+  out += "\n" + error_table(result) + change_table(result) + new_table(result);
   if (all) out += some_lines("Poorly determined by the data", weak_lines(result));
   return out + some_lines("Warnings", unsaid(result, "warnings", true)) + more_data_line(result);
 }

@@ -136,11 +136,13 @@ void remove_result(const std::string& folder) {
   rmdir(folder.c_str());
 }
 
-bool holds_only_results(const std::string& folder, std::string* other = nullptr) {
+bool holds_only_results(const std::string& folder, std::string* other = nullptr,
+                        const std::string& keep = "") {
   std::error_code error;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error)) {
     const std::string name = entry.path().filename().string();
     if (std::count(kOwnFiles.begin(), kOwnFiles.end(), name) > 0) continue;
+    if (!keep.empty() && name == keep && entry.is_directory(error)) continue;
     if (other) *other = name;
     return false;
   }
@@ -263,7 +265,7 @@ std::vector<std::string> clear_leftovers(const std::string& path) {
   return said;
 }
 
-void check_output(const std::string& directory, bool force) {
+void check_output(const std::string& directory, bool force, const std::string& keep) {
   std::error_code error;
   const std::string name = output_name(directory);
   check_folder(directory, name);
@@ -273,7 +275,7 @@ void check_output(const std::string& directory, bool force) {
                      ": exists already; --force replaces a result, another --out keeps it");
   if (!fs::is_directory(name, error)) throw InputError(directory + ": is not a directory");
   std::string other;
-  if (!holds_only_results(name, &other))
+  if (!holds_only_results(name, &other, keep))
     throw InputError(directory + ": holds " + other +
                      ", which is not a file of kincal and would be deleted: move it away or choose "
                      "another --out");
@@ -291,8 +293,8 @@ void check_output_file(const std::string& path, bool force) {
 
 bool write_directory(const std::string& directory,
                      const std::vector<std::pair<std::string, std::string>>& files, bool force,
-                     bool (*go_on)(), const std::string& scratch) {
-  check_output(directory, force);
+                     bool (*go_on)(), const std::string& scratch, const std::string& keep) {
+  check_output(directory, force, keep);
   const std::string name = output_name(directory);
   // Behind a link there may be another file system.
   const bool beside = scratch.empty() || fs::is_symlink(fs::symlink_status(directory));
@@ -317,7 +319,15 @@ bool write_directory(const std::string& directory,
       remove_result(work);
       return false;
     }
-    if (!place_folder(work, name, force))
+    const std::string kept = name + "/" + keep, there = work + "/" + keep;
+    const bool keeps = !keep.empty() && fs::exists(kept);
+    if (keeps && rename(kept.c_str(), there.c_str()) != 0) throw not_written(kept, "kept");
+    const bool placed = place_folder(work, name, force);
+    if (const int why = errno; keeps && !placed) {
+      rename(there.c_str(), kept.c_str());
+      errno = why;
+    }
+    if (!placed)
       throw errno == EEXIST || errno == ENOTEMPTY || errno == ENOTDIR ? exists_already(directory)
                                                                       : not_written(directory);
   } catch (...) {

@@ -37,16 +37,19 @@ bool write_file_in_pieces(const std::string& path, const std::function<void(cons
                           bool force, bool (*go_on)() = nullptr);
 
 /// Refuses an existing path unless `force` and it is empty or a directory that holds no file but
-/// kincal's; and, as for a file, where nothing can be written. @throws InputError
-void check_output(const std::string& directory, bool force);
+/// kincal's, and a folder `keep`; and, as for a file, where nothing can be written.
+/// @throws InputError
+void check_output(const std::string& directory, bool force, const std::string& keep = "");
 
 /// Writes a directory of files (name, text) whole or not at all: under a temporary name beside it
 /// (or in `scratch`, a folder of the same file system), to the disk, then a rename that replaces
 /// nothing, or with `force` exchanges both. `go_on` is asked before the rename; false leaves
-/// nothing. Returns false if it did. @throws InputError where the file system refuses.
+/// nothing. Returns false if it did. A folder `keep` of a replaced directory stays in it.
+/// @throws InputError where the file system refuses.
 bool write_directory(const std::string& directory,
                      const std::vector<std::pair<std::string, std::string>>& files, bool force,
-                     bool (*go_on)(), const std::string& scratch = "");
+                     bool (*go_on)(), const std::string& scratch = "",
+                     const std::string& keep = "");
 
 /// Returns the SHA-256 in hex.
 std::string sha256(const std::string& text);

@@ -365,8 +365,9 @@ PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
   }
   Simulation first = simulate(*before.robot.rig, *before.robot.table, before.robot.values, options);
   plan.candidates = options.samples;
-  if (const auto unseen = options.samples - static_cast<int>(first.samples.size()); unseen > 0)
-    plan.left_out.push_back({"no sensor sees a target whole", unseen});
+  plan.asked = settings.next;
+  for (const auto& [why, count] : first.left_out)
+    plan.left_out.push_back({"no sensor sees a target whole, " + why, count});
   if (first.samples.empty())
     throw InputError(rig_file.path + ": no candidate sees a target: nothing can be planned");
   for (size_t i = 0; i < first.samples.size(); ++i) {
@@ -529,6 +530,11 @@ std::string plan_text(const PosturePlan& plan) {
            (plan.goal.readings >= plan.tolerance->limit * plan.tolerance->limit
                 ? "the noise of the joints' readings alone is larger.\n"
                 : "the error that no posture reduces is larger.\n");
+  if (static_cast<int>(plan.postures.size()) < plan.asked)
+    out += text(
+        "Only %zu of %d postures: no other candidate is left. More candidates, or priors of "
+        "the mounts in the rig, give more.\n",
+        plan.postures.size(), plan.asked);
   out += left_out_text(plan);
   for (const std::string& note : plan.notes) out += "Note: " + note + ".\n";
   return out;

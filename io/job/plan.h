@@ -39,7 +39,7 @@ struct PosturePlan {
   std::vector<std::string> floor_names;  // components of the direction that it is due to
   int enough = -1;                       // postures; -1: more than were planned
   int needed = -1;                       // for the tolerance; -1: it is out of reach
-  int candidates = 0;
+  int candidates = 0, asked = 0;         // asked: postures to choose
   std::vector<std::pair<std::string, int>> left_out;  // why, and how many candidates
   std::vector<std::string> notes;
   Solution assumed;  // the robot as it is known before; its samples are `postures`, without points

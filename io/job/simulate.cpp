@@ -1,6 +1,9 @@
 #include "simulate.h"
 
+#include <stdexcept>
+
 #include "../../models/rig/selection.h"
+#include "../../models/rig/words.h"
 #include "../rig/simulation_file.h"
 
 namespace kincal {
@@ -32,6 +35,25 @@ void refuse_open_poses(const Rig& rig, const ParameterTable& table, const Vector
   }
 }
 
+/// The poses that the rig does not have and the truth gives by increments alone; "": none.
+std::string poses_from_identity(const Rig& rig, const ParameterTable& table,
+                                const SimulateSettings& settings) {
+  const std::vector<int> open = open_poses(rig, table);
+  if (open.empty() || !settings.truth) return "";
+  const VectorXd none = parse_truth(settings.truth->text, settings.truth->path, table),
+                 given = parse_truth(settings.truth->text, settings.truth->path, table, open);
+  std::vector<std::string> names;
+  for (const int p : open) {
+    const int start = table.all[p].start;
+    if (none.segment<12>(start) == given.segment<12>(start)) names.push_back(table.all[p].name);
+  }
+  if (names.empty()) return "";
+  return "the rig has no " + listed(names) + ", so " + settings.truth->path +
+         " counts from the identity there: write nominal poses into the rig, or the true poses "
+         "into "
+         "`values` of the truth ({\"xyz\": ..., \"rpy\": ...})";
+}
+
 std::vector<std::string> warnings_of(const Rig& rig, const Simulation& simulation, int samples) {
   std::vector<std::string> out;
   for (const Simulation::Dropped& d : simulation.dropped)
@@ -40,11 +62,15 @@ std::vector<std::string> warnings_of(const Rig& rig, const Simulation& simulatio
   for (int s : simulation.idle)
     out.push_back("sensor '" + rig.sensors[s].name + "' " +
                   (rig.sensors[s].type == "chain" ? "holds" : "sees") + " nothing");
-  if (simulation.samples.size() < static_cast<size_t>(samples))
-    out.push_back(std::to_string(static_cast<size_t>(samples) - simulation.samples.size()) +
-                  " of " + std::to_string(samples) +
-                  " samples are left out: in these postures no sensor sees a whole target from its "
-                  "printed side");
+  if (simulation.samples.size() < static_cast<size_t>(samples)) {
+    std::string why;
+    for (const auto& [reason, count] : simulation.left_out)
+      why += (why.empty() ? "" : "; ") + reason + " (" + std::to_string(count) + ")";
+    out.push_back(
+        std::to_string(static_cast<size_t>(samples) - simulation.samples.size()) + " of " +
+        std::to_string(samples) +
+        " samples are left out, because in these postures no sensor sees a whole target: " + why);
+  }
   return out;
 }
 
@@ -61,15 +87,24 @@ SimulatedJob simulate_samples(const RigFile& rig_file, const SimulateSettings& s
     options.postures =
         parse_postures(settings.postures->text, settings.postures->path, rig_file.rig);
   VectorXd truth = table.initial;
-  if (settings.truth) truth = parse_truth(settings.truth->text, settings.truth->path, table);
+  if (settings.truth)
+    truth = parse_truth(settings.truth->text, settings.truth->path, table,
+                        open_poses(rig_file.rig, table));
   try {
     if (!settings.spread.empty()) truth = draw_truth(table, settings.spread, settings.seed);
   } catch (const NameError& error) {
     throw with_nearest(error, settings.words);
   }
   refuse_open_poses(rig_file.rig, table, truth, settings);
-  Simulation simulation = simulate(rig_file.rig, table, truth, options);
+  const std::string identity = poses_from_identity(rig_file.rig, table, settings);
+  Simulation simulation;
+  try {
+    simulation = simulate(rig_file.rig, table, truth, options);
+  } catch (const std::runtime_error& error) {  // no random posture shows enough
+    throw std::runtime_error(error.what() + (identity.empty() ? "" : ". Note: " + identity));
+  }
   std::vector<std::string> warnings = warnings_of(rig_file.rig, simulation, settings.samples);
+  if (!warnings.empty() && !identity.empty()) warnings.push_back(identity);
   return {std::move(table), std::move(simulation), std::move(warnings)};
 }
 

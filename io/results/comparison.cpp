@@ -2,13 +2,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <set>
 
 #include "../../models/rig/numbers.h"
 #include "../../models/rig/selection.h"
+#include "../document/files.h"
+#include "../document/json.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 #include "../rig/samples_file.h"
+#include "../rig/simulation_file.h"
 #include "json_values.h"
 
 namespace kincal {
@@ -117,7 +121,7 @@ std::optional<ParameterDifference> parameter_difference(const CalibratedFiles& a
     double s = of_a == a.sigma.end() ? 0 : of_a->second[c],
            t = of_b == b.sigma.end() ? 0 : of_b->second[c];
     if (s == 0 && t > 0) s = held_sigma(a, p, c);
-    if (t == 0 && s > 0) t = held_sigma(b, q, c);
+    if (t == 0 && (s > 0 || a.exact)) t = held_sigma(b, q, c);
     out.undetermined.push_back(std::isnan(s) || std::isnan(t));
     const double both = a.status.empty() || b.status.empty() ? kNan : std::hypot(s, t);
     out.sigma.push_back(both > 0 ? both : kNan);
@@ -201,6 +205,7 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
   const Rig &rig = a.rig_file.rig, &other = b.rig_file.rig;
   Comparison out;
   out.base = rig.tree.links[rig.base];
+  out.errors = a.exact;
   const std::set<int> open_a = open_in(a), open_b = open_in(b);
   for (const int p : open_a) out.open_in_a.push_back(a.table.all[p].name);
   for (const int p : open_b) out.open_in_b.push_back(b.table.all[p].name);
@@ -253,6 +258,47 @@ Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
   return out;
 }
 
+bool is_truth_file(const std::string& path) {
+  if (path.size() < 5 || path.substr(path.size() - 5) != ".json" || !file_exists(path))
+    return false;
+  const Node node = parse_json(read_file(path), path);
+  const Field all = top(node, path);
+  return node.kind == Node::Kind::mapping && all.has("parameters") && !all.has("status");
+}
+
+CalibratedFiles read_true_values(const std::string& path, const CalibratedFiles& result) {
+  CalibratedFiles out = result;
+  out.path = path;
+  out.table.initial = result.nominal.size() > 0 ? result.nominal : result.values;
+  std::vector<int> all(out.table.all.size());
+  std::iota(all.begin(), all.end(), 0);
+  out.values = parse_truth(read_file(path), path, out.table, all);
+  out.sigma.clear();
+  out.doubts.clear();
+  out.status = "converged";
+  out.unknowns = Unknowns();  // none: everything is exact
+  out.exact = true;
+  return out;
+}
+
+ErrorsInSigmas errors_in_sigmas(const CalibratedFiles& b, const Comparison& comparison,
+                                bool estimated) {
+  ErrorsInSigmas out;
+  for (const ParameterDifference& d : comparison.parameters) {
+    const auto of_b = b.sigma.find(d.name);
+    for (size_t c = 0; c < d.difference.size(); ++c) {
+      const double in_sigmas = std::abs(d.difference[c] / d.sigma[c]);
+      if (!std::isfinite(in_sigmas) || (of_b != b.sigma.end() && of_b->second[c] > 0) != estimated)
+        continue;
+      ++out.components;
+      out.rms += in_sigmas * in_sigmas;
+      out.worst = std::max(out.worst, in_sigmas);
+    }
+  }
+  out.rms = std::sqrt(out.rms / std::max(1, out.components));
+  return out;
+}
+
 std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
                             const Comparison& comparison) {
   Json json;
@@ -269,6 +315,13 @@ std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
         {"b", numbers(d.b)},         {"difference", numbers(d.difference)},
         {"sigma", numbers(d.sigma)}, {"in_sigmas", numbers(in_sigmas)}};
   }
+  if (comparison.errors)
+    for (const bool estimated : {true, false}) {
+      const ErrorsInSigmas e = errors_in_sigmas(b, comparison, estimated);
+      json["errors"][estimated ? "estimated" : "held"] = {{"components", e.components},
+                                                          {"rms_in_sigmas", number(e.rms)},
+                                                          {"worst", number(e.worst)}};
+    }
   json["workspace"] = comparison.workspace;
   json["frames"] = Json::object();
   for (const FrameDifference& f : comparison.frames)

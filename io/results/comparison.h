@@ -24,6 +24,7 @@ struct ParameterDifference {
 
 struct Comparison {
   std::string base;
+  bool errors = false;                          // a is the truth: differences are errors of b
   std::vector<ParameterDifference> parameters;  // those that either estimated, or that differ
   std::vector<FrameDifference> frames;
   bool sigmas = true;  // both have sigmas: a frame without one is not determined
@@ -38,6 +39,21 @@ struct Comparison {
 /// robots differ, or a frame is unknown.
 Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
                    const std::vector<std::string>& frames, const std::string& samples);
+
+/// Returns the true values of a simulated robot as a calibration without errors, to be compared
+/// with `result` as its a; `path` is a truth file (io/rig/simulation_file.h). @throws InputError
+CalibratedFiles read_true_values(const std::string& path, const CalibratedFiles& result);
+/// True for a JSON file with true parameters in place of a result.
+bool is_truth_file(const std::string& path);
+
+/// The errors of components in units of their sigmas; those without a sigma are left out.
+struct ErrorsInSigmas {
+  int components = 0;
+  double rms = 0, worst = 0;
+};
+/// Returns those of the components that b estimated, else of those that it held at nominal values.
+ErrorsInSigmas errors_in_sigmas(const CalibratedFiles& b, const Comparison& comparison,
+                                bool estimated);
 
 std::string comparison_json(const CalibratedFiles& a, const CalibratedFiles& b,
                             const Comparison& comparison);

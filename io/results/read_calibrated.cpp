@@ -120,6 +120,22 @@ Unknowns read_unknowns(const FileText& file, const Field& result, const Paramete
   return out;
 }
 
+/// Takes what a calibration changed of a parameter out of `nominal`.
+void unchange(const Field& estimate, const Parameter& p, VectorXd& nominal) {
+  const std::vector<double> initial = numbers_or_null(estimate["initial"]),
+                            value = numbers_or_null(estimate["value"]);
+  if (initial.size() != p.components.size() || value.size() != p.components.size())
+    estimate["value"].fail("initial and value have one number per component");
+  if (!p.pose) {
+    std::copy(initial.begin(), initial.end(), nominal.data() + p.start);
+    return;
+  }
+  const bool had_one = !estimate.has("nominal") || estimate["nominal"].boolean();
+  const Pose now = get_pose(nominal, p.start);
+  set_pose(nominal, p.start,
+           had_one ? now * inverse(exp_se3(Eigen::Map<const Vector6d>(value.data()))) : Pose());
+}
+
 /// What an intrinsics.json beside the rig says of its lenses.
 void read_intrinsics(const std::string& path, CalibratedFiles& out) {
   const Node node = parse_json(read_file(path), path);
@@ -143,6 +159,7 @@ void add_result(const FileText& result, const FileText* covariance, bool alone,
         result.path +
         ": is not a result of `kincal calibrate`: it has no robot, parameters and status");
   unfold(all[alone ? "rigid_robot" : "robot"], out);
+  out.nominal = out.values;
   out.status = all["status"].string();
   if (std::string doubt = verdict_doubt(all); !doubt.empty()) out.doubts.push_back(doubt);
   if (alone) return;
@@ -155,6 +172,7 @@ void add_result(const FileText& result, const FileText* covariance, bool alone,
     if (static_cast<int>(sigma.size()) != out.table.all[p].size())
       parameters[name]["sigma"].fail("one number per component is expected");
     out.sigma[name] = std::move(sigma);
+    unchange(parameters[name], out.table.all[p], out.nominal);
   }
   if (covariance) out.unknowns = read_unknowns(*covariance, all, out.table);
 }

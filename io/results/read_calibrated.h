@@ -28,6 +28,9 @@ struct CalibratedFiles {
   std::map<std::string, std::vector<double>> sigma =
       {};  // estimated parameter -> by component; NaN: not determined, 0: fixed
   std::optional<Unknowns> unknowns = {};
+  VectorXd nominal = {};  // the values that the calibration counts from; a pose that its rig did
+                          // not have: the identity
+  bool exact = false;     // the true values of a simulated robot
 
   CalibratedRobot robot() const { return {&rig_file.rig, &table, values, unknowns}; }
 };

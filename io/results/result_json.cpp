@@ -438,6 +438,7 @@ Json result_json(const Report& report) {
                              {"unobservable", directions(s.unobservable)}});
   }
   json["parameters"] = Json::object();
+  const std::vector<int> open = open_poses(rig, solution.table());
   for (const ParameterEstimate& e : solution.parameters) {
     Json one = {{"unit", e.units},
                 {"initial", numbers(e.initial)},
@@ -445,6 +446,7 @@ Json result_json(const Report& report) {
                 {"sigma", numbers(e.sigma)},
                 {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
+    if (std::count(open.begin(), open.end(), e.parameter)) one["nominal"] = false;
     if (has_own_names(e)) one["components"] = e.components;
     json["parameters"][e.name] = std::move(one);
   }

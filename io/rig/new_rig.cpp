@@ -155,10 +155,13 @@ void complete(NewRig& rig) {
                        " cameras: once for all, or once for each in their order");
 }
 
+const std::string kReplace = " Replace values marked GUESS by known ones.";
+
 /// What stands above the targets: the robot and the noise of its joints.
 std::string head_text(const Tree& tree, const std::string& robot) {
   if (robot.empty())
-    return "# Made by `kincal init`. Replace values marked GUESS by known ones.\n"
+    return "# Made by `kincal init`." + kReplace +
+           "\n"
            "format: kincal/1\n"
            "# No URDF: each sample has the pose of the flange in the base as the robot reports "
            "it,\n"
@@ -170,7 +173,8 @@ std::string head_text(const Tree& tree, const std::string& robot) {
            "# Noise of the poses, m and rad (0: exact). Not stated, it is found from the data.\n"
            "# joints: {flange: {sigma: {translation: 0.0001, rotation: 0.0002}}}\n";
   std::string out =
-      "# Made by `kincal init`. Replace values marked GUESS by known ones.\n"
+      "# Made by `kincal init`." + kReplace +
+      "\n"
       "format: kincal/1\n"
       "robot: " +
       yaml_text(robot) +
@@ -487,7 +491,10 @@ std::string new_rig_text(const Urdf& urdf, NewRig rig) {
     out += sensor_text(tree, rig, s, camera);
     camera += s.type == "camera";
   }
-  return out + steps_text(tree, rig);
+  out += steps_text(tree, rig);
+  const size_t at = out.find(kReplace);
+  if (out.find("GUESS", at + kReplace.size()) == std::string::npos) out.erase(at, kReplace.size());
+  return out;
 }
 
 }  // namespace kincal

@@ -133,6 +133,30 @@ std::vector<double> read_numbers(const Field& field, int size) {
   return numbers;
 }
 
+/// Puts those of the absolute values in their places that are `absolute`; all must be proper.
+void read_values(const Field& values, const ParameterTable& table, const std::vector<int>& absolute,
+                 VectorXd& truth) {
+  for (const auto& [name, node] : values.members()) {
+    const Field field = values[name];
+    const auto found =
+        std::find_if(table.all.begin(), table.all.end(),
+                     [&, &wanted = name](const Parameter& p) { return p.name == wanted; });
+    if (found == table.all.end())
+      field.fail("unknown parameter '" + name + "'" + nearest_names(name, table.names()));
+    const bool counts = std::count(absolute.begin(), absolute.end(), found - table.all.begin()) > 0;
+    if (found->pose) {
+      const Pose pose = field.pose();
+      if (counts) set_pose(truth, found->start, pose);
+      continue;
+    }
+    const std::vector<double> numbers = read_numbers(field, found->size());
+    for (int c = 0; c < found->size(); ++c) {
+      if (const char* why = improper_value(*found, c, numbers[c])) field.fail(why);
+      if (counts) truth(found->start + c) = numbers[c];
+    }
+  }
+}
+
 /// Names may hold bytes that are no UTF-8; these are replaced.
 std::string json_name(const std::string& text) {
   return nlohmann::json(text).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
@@ -172,12 +196,12 @@ VectorXd read_truth(const std::string& path, const ParameterTable& table) {
   return parse_truth(read_file(path), path, table);
 }
 
-VectorXd parse_truth(const std::string& text, const std::string& path,
-                     const ParameterTable& table) {
+VectorXd parse_truth(const std::string& text, const std::string& path, const ParameterTable& table,
+                     const std::vector<int>& absolute) {
   refuse_other_kinds(text, path, Wanted::truth);
   const Node node = parse_json(text, path);
   const Field all = top(node, path);
-  all.check_keys({"parameters"}, {"about", "samples"});
+  all.check_keys({"parameters"}, {"about", "values", "samples"});
   const Field parameters = all["parameters"];
   if (parameters.node->kind != Node::Kind::mapping)
     parameters.fail("a mapping of parameter names to values is expected");
@@ -230,6 +254,7 @@ VectorXd parse_truth(const std::string& text, const std::string& path,
     if (!increment.isZero(0))
       set_pose(truth, p.start, get_pose(truth, p.start) * exp_se3(increment));
   }
+  if (all.has("values")) read_values(all["values"], table, absolute, truth);
   return truth;
 }
 
@@ -250,9 +275,29 @@ std::map<std::string, Posture> read_true_postures(const std::string& path, const
   return out;
 }
 
+namespace {
+
+std::string true_pose_text(const Pose& pose) {
+  const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+  return "{\"xyz\": " + list_text(pose.translation.data(), 3) +
+         ", \"quat\": " + list_text(q.data(), 4) + "}";
+}
+
+/// The value of a sensor's or target's parameter; "" of any other.
+std::string value_text(const Parameter& p, const VectorXd& values) {
+  const bool of_joint = p.kind < ParameterKind::sensor_pose;
+  if (of_joint || p.hidden() || p.replaced_by >= 0) return "";
+  return p.pose ? true_pose_text(get_pose(values, p.start))
+                : list_text(values.data() + p.start, p.size());
+}
+
+}  // namespace
+
 std::string truth_text(const Rig& rig, const ParameterTable& table, const Simulation& simulation) {
-  Lines parameters, samples;
+  Lines parameters, values, samples;
   for (const Parameter& p : table.all) {
+    if (const std::string value = value_text(p, simulation.truth); !value.empty())
+      values.add(p.name, value);
     Vector6d increment = Vector6d::Zero();
     if (p.pose)
       increment =
@@ -269,12 +314,9 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
     std::string targets;
     const int sample = static_cast<int>(k);
     for (auto t = simulation.targets.lower_bound({sample, 0});
-         t != simulation.targets.end() && t->first.first == sample; ++t) {
-      const Eigen::Vector4d q = quaternion_from_rotation(t->second.rotation);
+         t != simulation.targets.end() && t->first.first == sample; ++t)
       targets += (targets.empty() ? "" : ", ") + json_name(rig.targets[t->first.second].name) +
-                 ": {\"xyz\": " + list_text(t->second.translation.data(), 3) +
-                 ", \"quat\": " + list_text(q.data(), 4) + "}";
-    }
+                 ": " + true_pose_text(t->second);
     samples.add(simulation.samples[k].id,
                 "{\"joints\": " + readings_text(rig.tree, simulation.true_readings[k]) +
                     ", \"targets\": {" + targets + "}}");
@@ -282,10 +324,12 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
   return "{\n \"about\": \"What the simulated robot really is. parameters: all that differ from "
          "the rig; poses as increments from the "
          "rig's "
-         "value, in the frame itself. samples: readings without noise; poses of free targets in "
+         "value, in the frame itself. values: those of sensors and targets, poses as link_T_frame. "
+         "samples: readings without noise; poses of free targets in "
          "the rig's base frame.\",\n "
          "\"parameters\": " +
-         parameters.text() + ",\n \"samples\": " + samples.text() + "\n}\n";
+         parameters.text() + ",\n \"values\": " + values.text() +
+         ",\n \"samples\": " + samples.text() + "\n}\n";
 }
 
 }  // namespace kincal

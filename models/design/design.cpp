@@ -323,9 +323,12 @@ std::vector<double> errors_of(const MatrixXd& known, const std::vector<SampleRow
   return out;
 }
 
-DesignFloor floor_of(const MatrixXd& known, const MatrixXd& data, const DesignGoal& goal) {
+namespace {
+
+/// The floor with the covariance that remains.
+DesignFloor floor_with(const MatrixXd& c, const MatrixXd& known, const DesignGoal& goal) {
   DesignFloor out;
-  const MatrixXd root = root_of(goal.weight), c = inverse_of_symmetric(known + kLarge * data);
+  const MatrixXd root = root_of(goal.weight);
   const SymmetricEigen eigen = symmetric_eigen(root.transpose() * c * root);
   if (eigen.values.size() == 0) return out;
   out.error = std::sqrt(std::max(0.0, eigen.values.sum()));
@@ -337,6 +340,24 @@ DesignFloor floor_of(const MatrixXd& known, const MatrixXd& data, const DesignGo
     if (std::abs(scaled(i)) > kNamedEntries * largest)
       out.direction.push_back({static_cast<int>(i), direction(i)});
   return out;
+}
+
+/// The covariance after `times` the data that it is from. The automatic path knows more about what
+/// it holds than usual errors: with its C = T T', that is T (1 + (times - 1) T' N T)^-1 T'.
+MatrixXd covariance_after(double times, const Solution& solution, const DataEquations& data,
+                          const MatrixXd& known) {
+  if (!solution.prediction) return inverse_of_symmetric(known + times * data.normal);
+  const auto n = data.normal.rows();
+  const MatrixXd t = root_of_covariance(solution.prediction->covariance.topLeftCorner(n, n));
+  MatrixXd s = (times - 1) * (t.transpose() * data.normal * t);
+  s.diagonal().array() += 1;
+  return t * solve_symmetric(s, t.transpose());
+}
+
+}  // namespace
+
+DesignFloor floor_of(const MatrixXd& known, const MatrixXd& data, const DesignGoal& goal) {
+  return floor_with(inverse_of_symmetric(known + kLarge * data), known, goal);
 }
 
 int enough_postures(const std::vector<double>& errors, double floor, const DesignGoal& goal) {
@@ -363,14 +384,16 @@ std::optional<MoreData> more_data(const Solution& solution, const DataEquations&
   if (!goal.weight.allFinite() || goal.weight.isZero(0)) return std::nullopt;
   const MatrixXd known = known_before(robot, solution.setup), root = root_of(goal.weight);
   const auto error = [&](double times) {
-    return std::sqrt(Covariance(known + times * data.normal, root).squared_error());
+    const MatrixXd c = covariance_after(times, solution, data, known);
+    return std::sqrt(std::max(0.0, root.cwiseProduct(c * root).sum()));
   };
   MoreData out;
   out.now = error(1);
   out.thrice = error(3);
   out.readings = std::sqrt(goal.readings);
   out.worth = is_worth(out.now, out.thrice, goal.readings);
-  const DesignFloor floor = floor_of(known, data.normal, goal);
+  const DesignFloor floor =
+      floor_with(covariance_after(kLarge, solution, data, known), known, goal);
   if (!out.worth && floor.error > kMostly * std::hypot(out.now, out.readings))
     for (const auto& [column, coefficient] : floor.direction)
       out.open.push_back(robot.table->name(data.columns[column]));

@@ -109,8 +109,9 @@ struct MoreData {
   std::vector<std::string> open;  // if not `worth`: components that these samples hardly determine,
                                   // if most of the error comes from them
 };
-/// `data` are the equations of the samples' solution. Returns nullopt if no estimated parameter
-/// affects the positions relative to the sensors.
+/// `data` are the equations of the samples' solution. The errors are those that the solution
+/// predicts, including those by parameters that the automatic path holds. Returns nullopt if no
+/// estimated parameter affects the positions relative to the sensors.
 std::optional<MoreData> more_data(const Solution& solution, const DataEquations& data);
 
 }  // namespace kincal

@@ -41,6 +41,7 @@ struct Verdict {
   std::vector<NoticeKind> about = {};     // the finding or warning that decided, and its cause
   std::vector<NoticeKind> see = {};       // other warnings
   std::vector<std::string> held = {};     // parameters fixed because the data do not determine them
+  size_t kept = 0;                        // all that were fixed at nominal values, with these
   std::vector<std::string> unmet = {};    // requirements
 };
 /// Returns the reasons of a verdict about fixed parameters and unmet tolerances.

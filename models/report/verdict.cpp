@@ -85,6 +85,16 @@ std::vector<std::string> undetermined_by_data(const std::vector<AutomaticGroup>&
   return out;
 }
 
+/// How many parameters the automatic path fixed, for this or another reason.
+size_t kept_at_nominal(const std::vector<AutomaticGroup>& groups) {
+  size_t out = 0;
+  for (const AutomaticGroup& g : groups) {
+    out += g.unseen.size();
+    for (const AutomaticNumber& n : g.numbers) out += n.held;
+  }
+  return out;
+}
+
 /// Undetermined parameters and frames of a calibration that converged: parameters that an earlier
 /// step freed, without gauges that were fixed after it.
 std::vector<std::string> undetermined(const Report& report) {
@@ -285,6 +295,7 @@ Verdict verdict(const Report& report) {
   for (const Notice& w : report.warnings)
     if (!std::count(out.about.begin(), out.about.end(), w.kind)) out.see.push_back(w.kind);
   out.held = undetermined_by_data(report.automatic);
+  out.kept = kept_at_nominal(report.automatic);
   for (const Judgement& j : report.validation.requirements)
     if (!j.met) out.unmet.push_back(j.requirement.text);
   if (out.next.empty() && !out.unmet.empty())
@@ -295,13 +306,11 @@ Verdict verdict(const Report& report) {
 std::vector<std::string> notes(const Verdict& v) {
   std::vector<std::string> out;
   if (!v.held.empty())
-    out.push_back(text(v.held.size() == 1
-                           ? "%zu parameter was kept at its nominal value because the data do not "
-                             "determine it (predicted errors account for this): "
-                           : "%zu parameters were kept at their nominal values because the data do "
-                             "not determine them (predicted errors account for this): ",
-                       v.held.size()) +
-                  listed(v.held));
+    out.push_back(
+        text("%zu of %zu parameters kept at their nominal values %s not determined by the "
+             "data (predicted errors account for this): ",
+             v.held.size(), v.kept, v.held.size() == 1 ? "is" : "are") +
+        listed(v.held));
   for (const std::string& requirement : v.unmet) out.push_back("not met: " + requirement);
   return out;
 }

@@ -75,6 +75,18 @@ std::vector<SensorTarget> views_of(const Rig& rig, const Posture& posture,
   return views;
 }
 
+/// Of equals the first.
+std::string most_frequent(const std::vector<std::string>& reasons) {
+  std::string out = "no sensor has the readings that it needs";
+  std::ptrdiff_t most = 0;
+  for (const std::string& reason : reasons)
+    if (const auto n = std::count(reasons.begin(), reasons.end(), reason); n > most) {
+      most = n;
+      out = reason;
+    }
+  return out;
+}
+
 void check_truth(const ParameterTable& table, const VectorXd& truth) {
   if (truth.size() != table.initial.size())
     throw std::invalid_argument("the truth has a different number of values than the rig");
@@ -198,7 +210,10 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
           RandomStream(options.seed, kFirstSampleStream + static_cast<std::uint64_t>(k)));
     }
     out.dropped.insert(out.dropped.end(), draft.dropped.begin(), draft.dropped.end());
-    if (draft.sample.views.empty()) continue;
+    if (draft.sample.views.empty()) {
+      ++out.left_out[most_frequent(draft.unseen)];
+      continue;
+    }
     for (const View& v : draft.sample.views) {
       busy[v.sensor] = 1;
       if (rig.targets[v.target].link < 0)

@@ -60,8 +60,11 @@ struct Simulation {
 
   using Dropped = DroppedView;
   std::vector<Dropped> dropped;  // a sample without any remaining view is not in `samples`
-  std::vector<int> idle;         // sensors without a view
-  long trials = 0;               // number of random postures tried
+  /// Why samples were left out, the reason of most of their views (of equals the first), and how
+  /// many.
+  std::map<std::string, int> left_out;
+  std::vector<int> idle;  // sensors without a view
+  long trials = 0;        // number of random postures tried
 };
 
 /// A Spread is a standard deviation for all components that a name or glob selects; later ones

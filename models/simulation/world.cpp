@@ -252,6 +252,7 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
     }
     if (!seen) {
       if (listed) draft.dropped.push_back({posture.id, v.first, v.second, why});
+      draft.unseen.push_back(std::move(why));
       continue;
     }
     if (!view.z.empty()) add_noise(v.first, noise, view.z);

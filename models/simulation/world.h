@@ -30,6 +30,7 @@ struct Draft {
   std::vector<double> readings;  // true
   std::map<int, Pose> targets;   // true base_T_target of free targets
   std::vector<DroppedView> dropped;
+  std::vector<std::string> unseen;  // why views are not possible
 };
 
 /// A CameraImage is the image of a camera in px, and its focal length and principal point.

@@ -116,11 +116,12 @@ class Init(Program):
                 ["--sensor", "tilting_laser:l2", "--sensor", "point:base", "--target", "chessboard:3x3:0.1"],
                 ["--sensor", "camera:tool", "--image-size", "640x480", "--target", "marker:tag36h11:0:0.1@base"]]):
             name = "rig%d.yaml" % number
-            self.init(*args, "--out", name)
+            said, _ = self.init(*args, "--out", name)
             text, _ = self.init(*args)
             self.assertEqual(text.replace("robot: arm.urdf", ""), self.read(name).replace("robot: arm.urdf", ""))
             # every guess that can be asked about is marked, and what was given is not
-            self.assertIn("GUESS", text)
+            self.assertEqual("Replace values marked GUESS" in text, "# GUESS" in text)
+            self.assertEqual(": look for GUESS in it" in said, "# GUESS" in text)
             self.assertEqual("intrinsics: [640, 640, 319.5, 239.5]   # GUESS" in text, number in (0, 5))
             self.assertIn("s3: {sigma: {guess: 0.0001}}", text)
             if number == 1:

@@ -1697,6 +1697,51 @@ class Simulate(Case):
             errors.append(((p["value"][i] - truth[name]["true"]) / p["sigma"][i]) ** 2)
         self.assertLess(max(errors), 25)
         self.assertTrue(0.2 < sum(errors) / len(errors) < 3)
+        # diff with truth.json shows the same, and what the calibration did not estimate.
+        run = self.run_kincal("diff", "out", "sim/truth.json", "--json")
+        self.assertEqual((run.code, run.err), (0, ""))
+        shown, squares = strict_json(run.out), []
+        for name in names:
+            block, _, c = name.partition(".")
+            p, d, i = r["parameters"][block], shown["parameters"][block], ["x", "y", "z", "rx", "ry", "rz"].index(c) if c else 0
+            self.assertAlmostEqual(d["difference"][i], p["value"][i] - truth[name]["true"], delta=1e-4 if c else 1e-12, msg=name)
+            self.assertAlmostEqual(d["sigma"][i], p["sigma"][i], delta=1e-12)
+        for name, d in shown["parameters"].items():
+            squares += [s * s for s in d["in_sigmas"] if s is not None]
+        self.assertEqual(shown["errors"]["estimated"]["components"], len(squares))
+        self.assertAlmostEqual(shown["errors"]["estimated"]["rms_in_sigmas"], math.sqrt(sum(squares) / len(squares)), delta=1e-9)
+        self.assertEqual(shown["errors"]["held"]["components"], 0)
+        text = self.run_kincal("diff", "out", "sim/truth.json").out
+        self.assertIn("  rms %.2f, largest %.2f, of %d components that were estimated" % (math.sqrt(sum(squares) / len(squares)), math.sqrt(max(squares)), len(squares)), text)
+        self.assertRegex(text, r"parameter +unit +true +estimated +error +sigma +in sigmas")
+
+    def test_errors_of_new_poses(self):
+        """A rig without the pose of a sensor: the result has a new value, no change; its error counts from the pose in truth.json, not from increments."""
+        self.assertEqual(self.simulate("sim", *self.spread).code, 0)
+        given = "    pose: {xyz: [0.5, -2.0, 0.3], rpy: [0, 0, 1.2]}\n"
+        self.write("rig.yaml", RIG.replace(given, "").replace("sensor/tracker/pose, ", "sensor/tracker/pose, "))
+        self.assertEqual(self.calibrate(samples="sim/samples.jsonl").code, 0)
+        result = self.result()["parameters"]
+        self.assertEqual([name for name, p in result.items() if p.get("nominal") is False], ["sensor/tracker/pose"])
+        shown = self.run_kincal("show", "out").out
+        self.assertNotIn("sensor/tracker/pose", shown.split("Largest changes")[1].split("\n\n")[0])
+        new = shown.split("New, because the rig has no value")[1].split("\n\n")[0].split("\n")
+        self.assertEqual(new[1].split()[:5], ["sensor/tracker/pose", "xyz"] + ["%.2f" % (1e3 * x) for x in result["sensor/tracker/pose"]["pose"]["xyz"]])
+        self.assertEqual((new[2].split()[0], len(new)), ("rpy", 3))
+        d = strict_json(self.run_kincal("diff", "out", "sim/truth.json", "--json").out)
+        self.assertLess(max(map(abs, d["parameters"]["sensor/tracker/pose"]["in_sigmas"])), 5)
+        # `values` give simulate the pose, too.
+        truth = strict_json(self.read("sim", "truth.json"))
+        self.assertEqual(self.simulate("again", "--truth", "sim/truth.json").code, 0)
+        again = strict_json(self.read("again", "truth.json"))
+        for key in ("xyz", "quat"):
+            for x, y in zip(truth["values"]["sensor/tracker/pose"][key], again["values"]["sensor/tracker/pose"][key]):
+                self.assertAlmostEqual(x, y, delta=1e-12)
+        for values, words in (({"sensor/tracker/pos": {}}, ["sensor/tracker/pos", "nearest"]), ({"sensor/eye/intrinsics": [1, 2]}, ["values.sensor/eye/intrinsics"]),
+                              ({"sensor/tracker/pose": [0, 0, 0]}, ["values.sensor/tracker/pose"])):
+            self.extra = {"sim", "again", "out", "wrong.json"}
+            self.write("wrong.json", json.dumps({"parameters": {}, "values": values}))
+            self.fails(self.simulate("never", "--truth", "wrong.json"), *words)
 
     def test_seeds(self):
         for out, seed in (("a", "1"), ("b", "1"), ("c", "2")):
@@ -1741,6 +1786,25 @@ class Simulate(Case):
         self.write("rig.yaml", RIG)
         given = self.run_kincal("evaluate", "rig.yaml", "samples.jsonl", "--json")
         self.assertLess(strict_json(run.out)["chi2"], strict_json(given.out)["chi2"])  # an estimate is no worse than where it is given
+
+    def test_why_nothing_is_seen(self):
+        """The board's front turned away, or a corner outside the image: counted; a truth that counts from a pose that the rig does not have."""
+        rig = RIG[:RIG.index("  reflectors:")] + RIG[RIG.index("  board:"):RIG.index("  tracker:")] + RIG[RIG.index("  eye:"):RIG.index("estimate:")]
+        self.write("rig.yaml", rig)
+        places = [("[1.1, 0.1, 0.95]", "-1.5708")] + 2 * [("[1.1, 0.1, 0.95]", "1.5708")] + 3 * [("[1.1, 3, 0.95]", "-1.5708")]
+        self.write("postures.jsonl", "".join('{"id": "p%d", "joints": {}, "targets": {"board": {"xyz": %s, "rpy": [-1.5708, 0, %s]}}}\n' % (k, *place) for k, place in enumerate(places)))
+        run = self.simulate("sim", "--postures", "postures.jsonl", samples="6")
+        self.assertEqual((run.code, run.err), (0, "kincal: warning: 5 of 6 samples are left out, because in these postures no sensor sees a whole target: a point is outside the image (3); its front is turned away (2)\n"))
+        given = "    pose: {xyz: [0.1, 0, 0.9], rpy: [-1.5707963, 0, -1.5707963]}\n"
+        self.write("open.yaml", rig.replace(given, ""))
+        self.write("truth.json", json.dumps({"parameters": {"sensor/eye/pose": [0.01, 0, 0, 0, 0, 0]}}))
+        why = "the rig has no sensor/eye/pose, so truth.json counts from the identity there: write nominal poses into the rig, or the true poses into `values` of the truth"
+        run = self.run_kincal("simulate", "open.yaml", "--samples", "6", "--seed", "1", "--out", "open", "--truth", "truth.json", "--postures", "postures.jsonl")
+        self.assertEqual(run.code, 1)
+        self.assertIn(why, run.err)
+        self.write("truth.json", json.dumps({"parameters": {}, "values": {"sensor/eye/pose": {"xyz": [0.1, 0, 0.9], "rpy": [-1.5707963, 0, -1.5707963]}}}))
+        run = self.run_kincal("simulate", "open.yaml", "--samples", "6", "--seed", "1", "--out", "open", "--truth", "truth.json", "--postures", "postures.jsonl")
+        self.assertEqual((run.code, "6 samples are left out" in run.err, "identity" in run.err), (0, True, False), run.err)
 
     def test_wrong(self):
         for args, words in ((["--spread", "joint/lift/ofset=0.01"], ["joint/lift/ofset", "nearest", "joint/lift/offset"]), (["--spread", "joint/lift/offset=x"], ["--spread", "joint/lift/offset=x"]),

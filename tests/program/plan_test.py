@@ -117,8 +117,11 @@ class Plan(unittest.TestCase):
             self.assertEqual(posture["views"], [{"sensor": "camera", "target": "board"}])
         with open(self.path("safe.jsonl"), "w") as f:
             f.write("".join(json.dumps(p) + "\n" for p in postures))
+            away = dict(postures[0]["joints"], turn=-postures[0]["joints"]["turn"], wrist_bend=0.0, lift=-1.5)
+            f.write(json.dumps({"id": "away", "joints": away}) + "\n")
         few, chosen = self.plan("--next", "4", "--postures", self.path("safe.jsonl"))
-        self.assertEqual(few["candidates"], 10)
+        self.assertEqual(few["candidates"], 11)
+        self.assertEqual(sum(count for why, count in few["left_out"].items() if why.startswith("no sensor sees a target whole, a point is ")), 1, few["left_out"])
         self.assertLess({p["id"] for p in chosen}, {p["id"] for p in postures})
         told = run("simulate", self.rig, "--samples", "4", "--seed", "1", "--postures", self.path("postures.jsonl"), "--out", self.path("s"), "--force")
         self.assertIn("4 samples, camera 4 views", told)
@@ -140,6 +143,14 @@ class Plan(unittest.TestCase):
         self.assertIn("out of reach, because the noise of the joints' readings alone is larger", words)
         told, _ = self.plan("--next", "10", "--candidates", "200", "--goal", "joint/lift/offset")
         self.assertEqual(told["unit"], "")
+
+    def test_fewer_than_asked(self):
+        told = run("plan", self.rig, "--next", "20", "--candidates", "10", "--out", self.path("few.jsonl"), "--force")
+        with open(self.path("few.jsonl")) as f:
+            count = len(f.readlines())
+        self.assertLess(count, 20)
+        self.assertIn("Only %d of 20 postures: no other candidate is left." % count, told)
+        self.assertNotIn("Only", run("plan", self.rig, "--next", "2", "--candidates", "100", "--out", self.path("few.jsonl"), "--force"))
 
     def test_clearance(self):
         told, _ = self.plan("--next", "5", "--candidates", "200", rig=self.pr2)

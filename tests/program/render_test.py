@@ -150,6 +150,17 @@ class Files(Case):
         self.assertFalse(os.path.exists(os.path.join(self.dir, "other")))
         self.run_it("simulate", "rig.yaml", "--samples", "4", "--seed", "5", "--out", "other", "--render", "pictures", "--force")
         self.assertNotEqual(self.bytes("sim/images/sample_0000_left.png"), self.bytes("pictures/sample_0000_left.png"))
+        # The folder of images inside the simulation is replaced with it, and never deleted with it.
+        self.write("sim/images/notes.txt", "mine")
+        self.run_it("simulate", "rig.yaml", "--samples", "4", "--seed", "5", "--out", "sim", "--render", "sim/images", "--force", "--quiet")
+        self.assertEqual(self.out, "")
+        self.assertEqual(self.bytes("sim/samples.jsonl").replace(b"images/", b"../pictures/"), self.bytes("other/samples.jsonl"))
+        for name in os.listdir(os.path.join(self.dir, "pictures")):
+            self.assertEqual(self.bytes("sim/images/" + name), self.bytes("pictures/" + name), name)
+        self.assertEqual(self.bytes("sim/images/notes.txt"), b"mine")
+        self.run_it("simulate", "rig.yaml", "--samples", "4", "--seed", "5", "--out", "sim", "--force", code=1)
+        self.assertIn("holds images", self.err)
+        self.assertEqual([n for n in os.listdir(self.dir) if n.startswith("sim")], ["sim"])
 
     def test_what_cannot_be(self):
         self.run_it("simulate", "rig.yaml", "--samples", "2", "--seed", "4", "--out", "sim", "--blur", "1", code=1)

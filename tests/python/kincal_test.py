@@ -425,6 +425,18 @@ class Errors(Folder):
         self.fails(lambda: result["joint/l_elbow/offset"], "was not estimated")
         self.fails(lambda: result.compensate({}, "base_link"), "nothing to compensate")
 
+    def test_what_was_not_estimated(self):
+        """A held parameter with its reason; a pose that the rig does not have is new, no change."""
+        values = {k: v for k, v in self.rig.to_dict().items() if k != "estimate"}
+        del values["sensors"]["left_arm"]["pose"]
+        result = kincal.calibrate(kincal.Rig(values, urdf=os.path.join(PR2, "robot.urdf")), self.samples)
+        held = result.to_dict()["held"]
+        self.assertTrue(held)
+        self.fails(lambda: result[held[0]["parameter"]], "was kept at its nominal value: " + held[0]["text"])
+        changes, *new = repr(result).split("  new: ")
+        self.assertNotIn("sensor/left_arm/pose", changes)
+        self.assertIn(["sensor/left_arm/pose", "xyz"] + ["%.5g" % x for x in result["sensor/left_arm/pose"].pose["xyz"]], [one.split()[:5] for one in new])
+
     def test_nothing_changed(self):
         before = pickle.dumps((self.rig, self.samples)), kincal.calibrate(self.rig, self.samples).to_dict()["parameters"]
         for options in ({"free": "nothing"}, {"step": "nothing"}, {"threads": -1}):

@@ -150,6 +150,9 @@ class Result(Found):
 
     def __getitem__(self, name: str) -> Parameter:
         if name not in self.parameters:
+            for held in self.to_dict().get("held", []):
+                if held["parameter"] == name:
+                    raise InputError("'%s' was kept at its nominal value: %s" % (name, held["text"]))
             raise InputError("'%s' was not estimated; estimated are: %s" % (name, ", ".join(self.parameters)))
         return self.parameters[name]
 
@@ -212,10 +215,13 @@ class Result(Found):
         return importlib.import_module("pandas").DataFrame(rows).set_index("component")
 
     def __repr__(self) -> str:
-        rows = [(c, u, v - (0 if p.pose else i), s) for p in self.parameters.values()
+        new = [name for name, p in self._json["parameters"].items() if not p.get("nominal", True)]
+        rows = [(c, u, v - (0 if p.pose else i), s) for p in self.parameters.values() if p.name not in new
                 for c, u, i, v, s in zip(p.components, p.units, p.initial, p.value, p.sigma)]
         rows.sort(key=lambda row: -abs(row[2] / row[3]) if row[3] > 0 else 0)
         lines = ["  %-44s %+.5g ± %.2g %s" % (c, d, s, u) for c, u, d, s in rows[:10]]
+        lines += ["  new: %-39s xyz %s m, quat %s" % (name, *(" ".join("%.5g" % x for x in pose[key]) for key in ("xyz", "quat")))
+                  for name in new for pose in [self[name].pose] if pose]
         head = "<kincal.Result: %s\n chi2 %.6g, %d degrees of freedom; %d components estimated; changes that are largest in sigmas:\n" % (
-            self._json["verdict"]["text"], self.chi2, self.dof, len(rows))
+            self._json["verdict"]["text"], self.chi2, self.dof, len(rows) + 6 * len(new))
         return head + "\n".join(lines) + ">"

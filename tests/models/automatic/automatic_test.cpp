@@ -6,7 +6,8 @@
 // and of the board as the camera sees it stay within three predicted sigmas at fresh postures; a
 // robot that is as drawn stays so to the last bit; joints that no measurement sees count in them;
 // one or two samples never give a calibration; what is fixed is in no step; it can be cancelled
-// wherever it is; the order of samples does not matter. Does not prove: that predictions are right
+// wherever it is; the order of samples does not matter; the error that more samples would lower is
+// the one that the covariance predicts. Does not prove: that predictions are right
 // on average (too few robots: that was measured over hundreds of them), nor anything of robots with
 // other sensors.
 #include "../../../models/automatic/automatic.h"
@@ -18,6 +19,7 @@
 
 #include "../../../models/analysis/frames.h"
 #include "../../../models/analysis/noise_levels.h"
+#include "../../../models/design/design.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -220,6 +222,21 @@ void check_held(const AutomaticCalibration& found) {
 }
 
 }  // namespace
+
+TEST_CASE("automatic: more data lower the error that is predicted") {
+  const AutomaticCalibration found = calibrated(built(), 20, 5);
+  const Solution& solution = found.solution;
+  REQUIRE(solution.prediction);
+  const std::optional<MoreData> more = more_data(solution, *solution.data);
+  REQUIRE(more);
+  const Unknowns unknowns = last_unknowns(linearise(solution));
+  const CalibratedRobot robot{&solution.rig(), &solution.table(), solution.values.shared, unknowns};
+  const DesignGoal goal = sight_goal(robot, solution.samples());  // not more than it takes
+  const double predicted = std::sqrt((goal.weight * unknowns.covariance).trace());
+  CHECK(more->now == Approx(predicted).epsilon(1e-6));
+  CHECK(more->thrice < predicted);
+  CHECK(more->thrice > predicted / std::sqrt(3.0));
+}
 
 TEST_CASE("automatic: a board of another size is found, and the arm stays as drawn") {
   for (const unsigned long seed : {1, 2, 3}) {

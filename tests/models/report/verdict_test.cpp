@@ -124,11 +124,11 @@ TEST_CASE("verdict: good, doubts, and no") {
   CHECK(judged(report).next.empty());
   CHECK(judged(report).reasons.empty());
   REQUIRE(notes(judged(report)).size() == 1);
-  CHECK_THAT(notes(judged(report))[0], StartsWith("2 parameters were kept at their nominal"));
+  CHECK_THAT(notes(judged(report))[0], StartsWith("2 of 2 parameters kept at their"));
   CHECK_THAT(
       words(report),
-      Contains("; 2 parameters were kept at their nominal values because the data do not determine "
-               "them (predicted errors account for this): joint/a/offset and joint/b/offset"));
+      Contains("; 2 of 2 parameters kept at their nominal values are not determined by the "
+               "data (predicted errors account for this): joint/a/offset and joint/b/offset"));
 }
 
 TEST_CASE("verdict: a model that does not explain the data") {
