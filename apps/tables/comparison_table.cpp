@@ -6,6 +6,11 @@
 #include "table.h"
 
 namespace kincal {
+namespace {
+
+constexpr double kRounding = 1e-11;  // of what was written
+
+}  // namespace
 
 std::string errors_text(const CalibratedFiles& b, const Comparison& comparison) {
   std::string out;
@@ -13,6 +18,18 @@ std::string errors_text(const CalibratedFiles& b, const Comparison& comparison) 
     if (const ErrorsInSigmas e = errors_in_sigmas(b, comparison, estimated); e.components > 0)
       out += text("  rms %.2f, largest %.2f, of %d components %s\n", e.rms, e.worst, e.components,
                   estimated ? "that were estimated" : "kept at nominal values");
+  std::vector<std::string> exact;  // wholly: of others the table has the components
+  for (const ParameterDifference& d : comparison.parameters) {
+    bool off = false;
+    for (size_t c = 0; c < d.difference.size(); ++c)
+      off = off || (std::isnan(d.sigma[c]) && std::abs(d.difference[c]) > kRounding);
+    if (off && !b.sigma.count(d.name)) exact.push_back(d.name);
+  }
+  if (!exact.empty())
+    out += wrapped("not estimated, but not true: " + listed(exact) +
+                       "; estimated parameters with the same effect, such as a mount behind a "
+                       "joint, absorb such errors: compare the frames",
+                   "  ", 4);
   return out.empty() ? "" : "\nError / sigma (1 is expected)\n" + out;
 }
 
@@ -21,8 +38,7 @@ std::string comparison_table(const Comparison& comparison, size_t most) {
   bool poses = false;
   for (const ParameterDifference& d : comparison.parameters)
     for (size_t c = 0; c < d.difference.size(); ++c) {
-      if (std::abs(d.difference[c]) < 1e-11 * std::max(1.0, std::abs(d.a[c])))
-        continue;  // rounding of what was written
+      if (std::abs(d.difference[c]) < kRounding * std::max(1.0, std::abs(d.a[c]))) continue;
       const Unit unit = shown(d.units[c]);
       const double sigmas = std::abs(d.difference[c]) / d.sigma[c];
       const auto cell = [&](double value) {  // a pose's own numbers do not subtract

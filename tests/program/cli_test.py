@@ -1714,6 +1714,9 @@ class Simulate(Case):
         text = self.run_kincal("diff", "out", "sim/truth.json").out
         self.assertIn("  rms %.2f, largest %.2f, of %d components that were estimated" % (math.sqrt(sum(squares) / len(squares)), math.sqrt(max(squares)), len(squares)), text)
         self.assertRegex(text, r"parameter +unit +true +estimated +error +sigma +in sigmas")
+        self.assertNotIn("not estimated, but not true", text)
+        self.assertIn(self.calibrate("--fix", "joint/lift/offset", samples="sim/samples.jsonl", out="fixed").code, (0, 5))
+        self.assertIn("not estimated, but not true: joint/lift/offset;", self.run_kincal("diff", "fixed", "sim/truth.json").out)
 
     def test_errors_of_new_poses(self):
         """A rig without the pose of a sensor: the result has a new value, no change; its error counts from the pose in truth.json, not from increments."""
