@@ -11,8 +11,8 @@ const groupWords: Record<string, string> = {
   compliance: 'bending about the joint axes', 'compliance across': 'bending across the joint axes', loads: 'loads of the links',
 };
 /** A group of bending or curves in words; other names stay. */
-export function furtherName(group: string): string {
-  return groupWords[group] ?? (group.startsWith('curve/') ? `error curve of ${group.slice(6)}` : group);
+export function furtherName(group = ''): string {
+  return groupWords[group] ?? (group.startsWith('curve/') ? `error curve of ${group.slice(6)}` : group || none);
 }
 /** "rigid", "+ bending across the joint axes", "+ error curves of 6 joints". */
 export function stageName(added: string[]): string {

@@ -54,7 +54,7 @@ export interface StageRow {
 export interface Deflection { samples?: number; mean?: Maybe; largest?: Maybe; sample?: string }
 /** The error curve of a joint over its readings. */
 export interface CurveOf { unit?: string; rms?: Maybe; reading?: number[]; error?: Maybe[]; sigma?: Maybe[] }
-export interface Tried { group: string; gain?: Maybe; outcome?: string }
+export interface Tried { group?: string; gain?: Maybe; outcome?: string }
 export interface Predicted {
   postures: number;
   position?: Errors3; rotation?: Errors3; position_with_readings?: Errors3; rotation_with_readings?: Errors3;
