@@ -49,8 +49,8 @@ struct PosturePlan {
 PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
                           const PlanSettings& settings, const Progress& progress);
 
-/// Returns what tells whether links come within `margin` (m) of each other. Pairs that are near
-/// where the robot `stood`, or as it is drawn, are not looked at. Notes say what is not checked.
+/// Returns the check for links within `margin` (m) of each other. Pairs that are near where the
+/// robot `stood`, or as it is drawn, are not checked; `notes` get what else is not.
 Clearance robot_clearance(const RigFile& rig_file, const CalibratedRobot& robot,
                           const std::vector<Readings>& stood, double margin,
                           std::vector<std::string>& notes);
