@@ -47,6 +47,7 @@ const char* const kFooter =
     "calibration?\n"
     "  kincal plan rig.yaml --next 20 --out postures.jsonl        which postures to record, and "
     "the accuracy they give\n"
+    "  kincal plan result --verify --out cycles.jsonl             the test poses of ISO 9283\n"
     "  kincal verify result new_samples.jsonl --out certificate   is it as accurate as claimed?\n"
     "  kincal fleet results --out fleet                           find robots unlike the others, "
     "and drift\n"

@@ -4,6 +4,7 @@
 
 #include "../../io/document/files.h"
 #include "../../io/job/plan.h"
+#include "../../io/job/plan_verify.h"
 #include "../job.h"
 #include "../signals.h"
 #include "command.h"
@@ -15,15 +16,39 @@ struct PlanArguments {
   std::string rig, samples, out, postures;
   PlanSettings settings;
   PageSettings page;
+  TestPoseSettings test_poses;
+  std::string standard = "iso9283";
+  bool verify = false;
   double clearance = 20;  // mm
   bool no_clearance = false, json = false, force = false, quiet = false;
 };
+
+/// Plans the test poses of a verification. The same options of candidates count.
+int plan_verification(const PlanArguments& a, const RigFile& rig_file) {
+  TestPoseSettings settings = a.test_poses;
+  settings.candidates = a.settings.candidates;
+  settings.seed = a.settings.seed;
+  settings.clearance = a.no_clearance ? -1 : a.clearance / 1000;
+  ProgressLine line(a.quiet || a.json);
+  const TestPosePlan made = plan_test_poses(rig_file, settings, line.progress());
+  line.clear();
+  begin_writing();
+  if (!write_file(a.out, postures_text(rig_file.rig, made.postures), a.force, not_interrupted))
+    return say_interrupted();
+  if (a.json)
+    std::cout << test_poses_json(rig_file.rig, made).dump(1) << "\n";
+  else if (!a.quiet)
+    std::cout << test_poses_text(made) << made.postures.size() << " postures written to " << a.out
+              << ".\n";
+  return kConverged;
+}
 
 int plan(PlanArguments a) {
   a.page.force = a.force;
   check_output_file(a.out, a.force);
   check_page_file(a.page);
   const RigFile rig_file = read_rig(rig_path(a.rig));
+  if (a.verify) return plan_verification(a, rig_file);
   PlanSettings settings = a.settings;
   settings.clearance = a.no_clearance ? -1 : a.clearance / 1000;
   if (!a.postures.empty()) settings.postures = NamedText{a.postures, read_file(a.postures)};
@@ -47,6 +72,46 @@ int plan(PlanArguments a) {
                plan_files(rig_file, made, record_of(a.page.command, samples ? samples->hash : "")),
                !a.json && !a.quiet);
   return made.tolerance && made.needed < 0 ? kToleranceNotMet : kConverged;
+}
+
+void add_verify_options(CLI::App& command, PlanArguments& a) {
+  CLI::Option* verify = command.add_flag(
+      "--verify", a.verify,
+      "instead: the test poses for `kincal verify`, five points in the largest cube that the "
+      "robot reaches with the measured target; RIG is usually a result directory");
+  for (const char* other : {"SAMPLES", "--next", "--goal", "--postures", "--report"})
+    verify->excludes(command.get_option(other));
+  command
+      .add_option("--standard", a.standard,
+                  "with --verify: whose test poses (`kincal verify --standard distances` needs "
+                  "none: any postures all over the workspace)")
+      ->check(CLI::IsMember(std::vector<std::string>{"iso9283"}))
+      ->capture_default_str()
+      ->needs(verify);
+  command
+      .add_option("--cycles", a.test_poses.cycles, "with --verify: how often each pose is taken")
+      ->check(CLI::Range(1, 1000))
+      ->type_name("N")
+      ->capture_default_str()
+      ->needs(verify);
+  command
+      .add_flag("--approaches", a.test_poses.approaches,
+                "with --verify: P1, P2 and P4 are approached along x, y and z of the base, from "
+                "the readings `from` (multi-directional accuracy, vAP)")
+      ->needs(verify);
+  command
+      .add_option("--region", a.test_poses.region,
+                  "with --verify: the cube lies between these two corners (m, base frame), for "
+                  "example above the table")
+      ->delimiter(',')
+      ->expected(6)
+      ->type_name("X,Y,Z,X,Y,Z")
+      ->needs(verify);
+  command
+      .add_option("--sensor", a.test_poses.sensor,
+                  "with --verify: name of the instrument, if there are several")
+      ->type_name("NAME")
+      ->needs(verify);
 }
 
 }  // namespace
@@ -95,7 +160,8 @@ Command plan_command(CLI::App& app, const std::string& command_line) {
       ->add_option("--report", a->page.file,
                    "write a page (HTML) with the forecast and the robot in each posture")
       ->type_name("FILE");
-  command->add_flag("--json", a->json, "print the forecast as JSON");
+  add_verify_options(*command, *a);
+  command->add_flag("--json", a->json, "print the forecast, or the poses, as JSON");
   command->add_flag("--force", a->force, "replace existing files");
   command->add_flag("--quiet", a->quiet, "print nothing");
   command->footer(

@@ -65,7 +65,8 @@ Command verify_command(CLI::App& app, const std::string& command_line) {
   command
       ->add_option("--tolerance", a->settings.tolerance,
                    "limit of the rms error of a measured frame: 'frame/target/NAME<0.3mm', "
-                   "'frame/LINK<0.3mm'")
+                   "'frame/LINK<0.3mm', of rotations (iso9283) 'frame/LINK<0.05deg'; of the "
+                   "largest error of the measured postures: 'max frame/LINK<0.8mm'")
       ->type_name("TOLERANCE");
   command
       ->add_option("--standard", a->settings.standard,

@@ -8,11 +8,15 @@
 
 #include "../../io/document/files.h"
 #include "../../io/document/numbers.h"
+#include "../../io/job/certificate.h"
 #include "../../io/job/check.h"
 #include "../../io/job/plan.h"
+#include "../../io/job/plan_verify.h"
 #include "../../io/job/robot.h"
 #include "../../io/job/settings.h"
 #include "../../io/job/simulate.h"
+#include "../../io/job/verify.h"
+#include "../../io/report/certificate.h"
 #include "../../io/results/csv.h"
 #include "../../io/results/input_files.h"
 #include "../../io/results/result_json.h"
@@ -338,6 +342,46 @@ py::tuple plan_rig(const std::shared_ptr<PyRig>& rig,
                         Text(plan_json(made).dump()), Text(plan_text(made)));
 }
 
+py::tuple plan_verification(const std::shared_ptr<PyRig>& rig, const TestPoseSettings& settings,
+                            const py::object& progress) {
+  const TestPosePlan made = released(
+      progress, [=](const Progress& told) { return plan_test_poses(rig->file, settings, told); });
+  return py::make_tuple(Text(postures_text(rig->file.rig, made.postures)),
+                        Text(test_poses_json(rig->file.rig, made).dump()),
+                        Text(test_poses_text(made)));
+}
+
+/// Verifies the result in a folder: certificate.json, what the program prints, certificate.html.
+/// `words`: the texts among the settings, by name.
+py::tuple verify_folder(const Text& folder, const std::pair<Text, Text>& samples,
+                        const std::map<std::string, Text>& words, bool refit_base,
+                        const py::object& progress) {
+  VerifySettings settings;
+  settings.words = Words::keywords;
+  settings.refit_base = refit_base;
+  const std::map<std::string, std::string VerifySettings::*> fields = {
+      {"tolerance", &VerifySettings::tolerance},     {"standard", &VerifySettings::standard},
+      {"sensor", &VerifySettings::sensor},           {"instrument", &VerifySettings::instrument},
+      {"environment", &VerifySettings::environment}, {"serial", &VerifySettings::serial},
+      {"measured", &VerifySettings::measured},       {"command", &VerifySettings::command}};
+  for (const auto& [name, value] : words) settings.*fields.at(name) = value;
+  struct Made {
+    std::string json, text, page;
+  };
+  const Made made = released(progress, [=](const Progress& told) {
+    const VerifiedResult result = read_verified_result(folder);
+    const SampleSet set =
+        parse_sample_set(samples.first, samples.second, result.files.rig_file.rig, told);
+    const Verification found = verify(result, set, settings);
+    Made out;
+    out.json = json_text(certificate_json(result, set, found, settings));
+    out.text = verification_text(found);
+    out.page = certificate_page(out.json);
+    return out;
+  });
+  return py::make_tuple(Text(made.json), Text(made.text), Text(made.page));
+}
+
 // ------------------------------------------------------------------------------------------------
 // the robot
 Postures postures_of(const std::vector<std::string>& joints, const Array& values) {
@@ -470,6 +514,17 @@ PYBIND11_MODULE(_kincal, m) {
       }));
   m.def("plan", plan_rig, py::arg("rig"), py::arg("samples"), py::arg("settings"),
         py::arg("progress"));
+  py::class_<TestPoseSettings>(m, "TestPoseSettings")
+      .def(py::init([](const Text& sensor, int cycles, bool approaches,
+                       const std::vector<double>& region,
+                       const std::pair<int, std::uint64_t>& draws, double clearance) {
+        return TestPoseSettings{sensor,      cycles,       approaches, region,
+                                draws.first, draws.second, clearance,  Words::keywords};
+      }));
+  m.def("plan_verification", plan_verification, py::arg("rig"), py::arg("settings"),
+        py::arg("progress"));
+  m.def("verify", verify_folder, py::arg("folder"), py::arg("samples"), py::arg("words"),
+        py::arg("refit_base"), py::arg("progress"));
   m.def("forward", forward, py::arg("rig"), py::arg("joints"), py::arg("values"), py::arg("frame"),
         py::arg("base"));
   m.def("compensate", compensate_readings, py::arg("real"), py::arg("planned"), py::arg("tip_base"),
@@ -484,6 +539,15 @@ PYBIND11_MODULE(_kincal, m) {
         write_file(path, text, force);
       },
       py::arg("path"), py::arg("text"), py::arg("force"));
+  m.def(
+      "write_directory",
+      [](const Text& directory, const Texts& files, bool force) {
+        check_output(directory, force);
+        std::vector<std::pair<std::string, std::string>> all;
+        for (const auto& [name, text] : files) all.emplace_back(name, text);
+        write_directory(directory, all, force, [] { return true; });
+      },
+      py::arg("directory"), py::arg("files"), py::arg("force"));
   m.def(
       "write_results",
       [](const Text& directory, const Texts& files, bool force) {

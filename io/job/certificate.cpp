@@ -7,17 +7,42 @@
 #include "../document/json.h"
 
 namespace kincal {
+namespace {
+
+std::string judged_words(const Verification& found) {
+  return found.tolerance->rotation ? "rotations" : found.distances ? "distances" : "positions";
+}
+
+/// The share of errors that are below the largest one. Pairs of postures that share none count as
+/// pairs.
+double share_of_largest(const Verification& found) {
+  const long postures = found.judged().postures;
+  return share_below_largest(found.distances ? postures / 2 : postures);
+}
+
+}  // namespace
+
 std::string answer_text(const Verification& found) {
   if (!found.tolerance) return "No tolerance was given.";
   const AccuracyFigure& figure = found.judged();
-  const std::string limit = text("%.4g mm", 1e3 * found.tolerance->limit),
-                    seen = text("%.4g mm (k = 2: %.4g to %.4g)", 1e3 * figure.rms,
-                                1e3 * figure.lower, 1e3 * figure.upper),
-                    of = std::string("rms error of ") +
-                         (found.distances ? "distances" : "positions") + " of " + found.frame;
+  const bool largest = found.largest;
+  const Requirement& tolerance = *found.tolerance;
+  const double per = 1 / tolerance.factor;
+  const std::string limit = text("%.4g %s", per * tolerance.limit, tolerance.unit.c_str()),
+                    seen = text("%.4g %s (k = 2: %.4g to %.4g)",
+                                per * (largest ? figure.max : figure.rms), tolerance.unit.c_str(),
+                                per * (largest ? figure.max_lower : figure.lower),
+                                per * (largest ? figure.max_upper : figure.upper)),
+                    of = (largest ? "largest error of " : "rms error of ") + judged_words(found) +
+                         " of " + found.frame;
   switch (found.answer) {
     case Conformity::pass:
-      return "pass: " + of + " is " + seen + ", below " + limit + ".";
+      return "pass: " + of + " is " + seen + ", below " + limit +
+             (largest ? text(", of %ld measured postures; so are %.3g %% of all %s distributed "
+                             "like these, at least.",
+                             figure.postures, 100 * share_of_largest(found),
+                             judged_words(found).c_str())
+                      : ".");
     case Conformity::fail:
       return "fail: " + of + " is " + seen + ", above " + limit + ".";
     case Conformity::not_provable:
@@ -25,8 +50,9 @@ std::string answer_text(const Verification& found) {
   }
   return "not provable with this instrument and " + std::to_string(figure.postures) +
          " postures: " + of + " is " + seen + ", which contains " + limit + "; " +
-         (found.needed < 0 ? "no number of postures can prove it with this instrument."
-                           : "about " + std::to_string(found.needed) + " postures would.");
+         (largest            ? "not more postures but repeated ones, or a better instrument, could."
+          : found.needed < 0 ? "no number of postures can prove it with this instrument."
+                             : "about " + std::to_string(found.needed) + " postures would.");
 }
 
 std::string verification_text(const Verification& found) {
@@ -67,21 +93,22 @@ std::string verification_text(const Verification& found) {
 
 namespace {
 
-Json figure_json(const AccuracyFigure& figure, bool limits) {
+Json figure_json(const AccuracyFigure& figure) {
   Json out = {
       {"rms", number(figure.rms)}, {"seen", number(figure.seen)}, {"max", number(figure.max)}};
-  if (!limits) return out;
   out["lower"] = number(figure.lower);
   out["upper"] = number(figure.upper);
+  out["max_lower"] = number(figure.max_lower);
+  out["max_upper"] = number(figure.max_upper);
   out["instrument"] = number(figure.instrument);
   out["freedom"] = number(figure.freedom);
   return out;
 }
 
 Json figures_json(const VerifiedFigures& figures) {
-  Json out = {{"distance", figure_json(figures.distance, true)},
-              {"position", figure_json(figures.position, true)}};
-  if (figures.rotation.postures) out["rotation"] = figure_json(figures.rotation, false);
+  Json out = {{"distance", figure_json(figures.distance)},
+              {"position", figure_json(figures.position)}};
+  if (figures.rotation.postures) out["rotation"] = figure_json(figures.rotation);
   return out;
 }
 
@@ -127,6 +154,11 @@ Json certificate_json(const VerifiedResult& result, const SampleSet& samples,
   if (found.tolerance)
     tolerance = {{"text", found.tolerance->text},
                  {"limit", found.tolerance->limit},
+                 {"of", found.largest ? "max" : "rms"},
+                 {"quantity", found.tolerance->rotation ? "rotation"
+                              : found.distances         ? "distance"
+                                                        : "position"},
+                 {"share", found.largest ? Json(share_of_largest(found)) : Json()},
                  {"needed", found.needed < 0 ? Json() : Json(found.needed)}};
   return {{"certificate", "kincal/1"},
           {"answer", answer_word(found)},

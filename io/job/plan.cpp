@@ -10,7 +10,6 @@
 #include "../../models/analysis/linearisation.h"
 #include "../../models/automatic/automatic.h"
 #include "../../models/calibration/plan.h"
-#include "../../models/design/clearance.h"
 #include "../../models/rig/random_stream.h"
 #include "../../models/rig/words.h"
 #include "../results/comparison.h"
@@ -155,46 +154,19 @@ void keep_certain_views(const Before& before, const PlanSettings& settings, Post
 void keep_clear(const RigFile& rig_file, const Before& before, bool measured,
                 const PlanSettings& settings, PosturePlan& plan, std::vector<Posture>& postures) {
   const Rig& rig = *before.robot.rig;
-  const LinkBoxes drawn = link_boxes(rig_file.urdf);
-  std::vector<std::vector<Box>> boxes(rig.tree.links.size());
-  const std::vector<std::string>& names = rig_file.urdf.tree.links;
-  for (size_t l = 0; l < names.size() && l < drawn.of.size(); ++l) {
-    const auto found = std::find(rig.tree.links.begin(), rig.tree.links.end(), names[l]);
-    if (found == rig.tree.links.end()) continue;
-    for (const LinkBox& box : drawn.of[l])
-      boxes[found - rig.tree.links.begin()].push_back({box.link_T_box, box.size});
-  }
-  // (Configurations refer to their readings.) The robot as it is drawn: readings 0, within limits.
-  std::vector<Readings> safe = {Readings(rig.tree.joints.size(), 0)};
-  for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
-    const auto [low, high] = usual_range(rig.tree.joints[j]);
-    safe[0][j] = std::clamp(0.0, low, high);
-  }
+  std::vector<Readings> safe;
   if (measured)
-    for (const Sample& sample : before.recording->samples)
-      safe.push_back(completed(sample.readings));
-  std::vector<Readings> all;
+    for (const Sample& sample : before.recording->samples) safe.push_back(sample.readings);
+  const Clearance clearance =
+      robot_clearance(rig_file, before.robot, safe, settings.clearance, plan.notes);
+  if (clearance.empty()) return;
+  std::vector<Readings> all;  // configurations refer to their readings
   for (const Posture& posture : postures) all.push_back(completed(posture.readings));
-  const auto robots_at = [&](const std::vector<Readings>& readings) {
-    std::vector<Configuration> out;
-    for (const Readings& r : readings)
-      out.emplace_back(rig, *before.robot.table, before.robot.values, r);
-    return out;
-  };
-  const std::vector<Configuration> robots = robots_at(all);
-  const Clearance clearance(rig, boxes, settings.clearance, robots_at(safe));
-  if (drawn.left_out > 0)
-    plan.notes.push_back(std::to_string(drawn.left_out) +
-                         " links have missing meshes: collisions with them were not checked");
-  if (clearance.empty()) {
-    plan.notes.push_back(
-        "no shapes of links: collisions of the robot with itself were not checked");
-    return;
-  }
   std::map<std::string, int> count;
   std::vector<Posture> kept;
   for (size_t i = 0; i < postures.size(); ++i) {
-    const std::pair<int, int> near = clearance.near(robots[i]);
+    const std::pair<int, int> near =
+        clearance.near(Configuration(rig, *before.robot.table, before.robot.values, all[i]));
     if (near.first < 0)
       kept.push_back(std::move(postures[i]));
     else
@@ -341,6 +313,37 @@ void set_assumed(const Before& before, const Simulation& candidates, PosturePlan
 
 }  // namespace
 
+Clearance robot_clearance(const RigFile& rig_file, const CalibratedRobot& robot,
+                          const std::vector<Readings>& stood, double margin,
+                          std::vector<std::string>& notes) {
+  const Rig& rig = *robot.rig;
+  const LinkBoxes drawn = link_boxes(rig_file.urdf);
+  std::vector<std::vector<Box>> boxes(rig.tree.links.size());
+  const std::vector<std::string>& names = rig_file.urdf.tree.links;
+  for (size_t l = 0; l < names.size() && l < drawn.of.size(); ++l) {
+    const auto found = std::find(rig.tree.links.begin(), rig.tree.links.end(), names[l]);
+    if (found == rig.tree.links.end()) continue;
+    for (const LinkBox& box : drawn.of[l])
+      boxes[found - rig.tree.links.begin()].push_back({box.link_T_box, box.size});
+  }
+  // (Configurations refer to their readings.) The robot as it is drawn: readings 0, within limits.
+  std::vector<Readings> safe = {Readings(rig.tree.joints.size(), 0)};
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
+    const auto [low, high] = usual_range(rig.tree.joints[j]);
+    safe[0][j] = std::clamp(0.0, low, high);
+  }
+  for (const Readings& readings : stood) safe.push_back(completed(readings));
+  std::vector<Configuration> robots;
+  for (const Readings& r : safe) robots.emplace_back(rig, *robot.table, robot.values, r);
+  Clearance out(rig, boxes, margin, robots);
+  if (drawn.left_out > 0)
+    notes.push_back(std::to_string(drawn.left_out) +
+                    " links have missing meshes: collisions with them were not checked");
+  if (out.empty())
+    notes.push_back("no shapes of links: collisions of the robot with itself were not checked");
+  return out;
+}
+
 PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
                           const PlanSettings& settings, const Progress& progress) {
   PosturePlan plan;
@@ -429,6 +432,7 @@ std::string postures_text(const Rig& rig, const std::vector<Posture>& postures) 
     }
     out += "{\"id\": " + Json(posture.id).dump() +
            ", \"joints\": " + readings_text(rig.tree, posture.readings) +
+           (posture.from.empty() ? "" : ", \"from\": " + readings_text(rig.tree, posture.from)) +
            ", \"views\": " + views.dump() +
            (targets.empty() ? "" : ", \"targets\": " + targets.dump()) + "}\n";
   }

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "../../models/design/clearance.h"
 #include "../../models/design/design.h"
 #include "../../models/simulation/posture.h"
 #include "../results/json_values.h"
@@ -49,6 +50,12 @@ struct PosturePlan {
 /// @throws InputError, std::exception, Cancelled
 PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
                           const PlanSettings& settings, const Progress& progress);
+
+/// Returns the check for links within `margin` (m) of each other. Pairs that are near where the
+/// robot `stood`, or as it is drawn, are not checked; `notes` get what else is not.
+Clearance robot_clearance(const RigFile& rig_file, const CalibratedRobot& robot,
+                          const std::vector<Readings>& stood, double margin,
+                          std::vector<std::string>& notes);
 
 /// One JSON line a posture, as --postures takes them.
 std::string postures_text(const Rig& rig, const std::vector<Posture>& postures);

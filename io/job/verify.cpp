@@ -21,7 +21,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kSameSigmas = 3;      // readings of one posture differ by at most so much
+constexpr double kSameSigmas = 5;      // of a difference of readings of one posture, at most
 constexpr double kSameReading = 1e-9;  // rad or m, of joints that are exact
 constexpr double kOnePlace = 0.2;      // of the calibration's extent
 constexpr double kSamePoint = 1e-3;    // m, between a frame and the point that is measured
@@ -37,24 +37,6 @@ bool measures_positions(const Rig& rig, int sensor) {
   return kind == MeasurementKind::points || kind == MeasurementKind::pose;
 }
 
-/// Why a sensor on a target tells nothing of the robot's accuracy; "" where it does.
-std::string unsuitable(const Rig& rig, int sensor, int target) {
-  const std::string name = "sensor '" + rig.sensors[sensor].name + "'";
-  if (!measures_positions(rig, sensor))
-    return name + " is a " + rig.sensors[sensor].type +
-           ": an instrument that measures points or poses is expected";
-  if (rig.targets[target].link < 0)
-    return "target '" + rig.targets[target].name +
-           "' is not mounted: one that the robot carries is expected";
-  if (!needed_readings(rig, sensor, -1).empty())
-    return name + " moves with the robot: a stationary instrument is expected";
-  if (needed_readings(rig, -1, target).empty())
-    return "target '" + rig.targets[target].name +
-           "' stands still: one that the robot carries is "
-           "expected";
-  return "";
-}
-
 InstrumentViews measured_views(const Rig& rig, const SampleSet& samples,
                                const VerifySettings& settings) {
   std::map<std::pair<int, int>, InstrumentViews> pairs;
@@ -62,7 +44,7 @@ InstrumentViews measured_views(const Rig& rig, const SampleSet& samples,
   for (size_t i = 0; i < samples.samples->size(); ++i)
     for (const View& view : (*samples.samples)[i].views) {
       if (!settings.sensor.empty() && rig.sensors[view.sensor].name != settings.sensor) continue;
-      const std::string unfit = unsuitable(rig, view.sensor, view.target);
+      const std::string unfit = why_no_instrument(rig, view.sensor, view.target);
       if (!unfit.empty()) {
         why = unfit;
         continue;
@@ -162,7 +144,8 @@ std::vector<int> group_postures(const Rig& rig, const SampleSet& samples,
   std::vector<int> out;
   const auto same = [&](const Sample& a, const Sample& b) {
     return std::all_of(joints.begin(), joints.end(), [&](int j) {
-      const double most = std::max(kSameReading, kSameSigmas * joint_sigma(rig, a, j));
+      const double most = std::max(
+          kSameReading, kSameSigmas * std::hypot(joint_sigma(rig, a, j), joint_sigma(rig, b, j)));
       return std::abs(a.readings[j] - b.readings[j]) <= most;
     });
   };
@@ -245,6 +228,22 @@ struct MeasuredPoint {
   InstrumentNoise noise;
 };
 
+/// The tolerance, and whether it is on the largest error: "frame/NAME<0.3mm", "max frame/NAME<...".
+Requirement parse_tolerance(const Rig& rig, const VerifySettings& settings, bool& largest) {
+  const std::string max = "max ", frame = "frame/";
+  largest = settings.tolerance.rfind(max, 0) == 0;
+  std::string quantity = settings.tolerance.substr(largest ? max.size() : 0);
+  quantity.erase(0, quantity.find_first_not_of(' '));
+  if (quantity.rfind(frame, 0) != 0)
+    throw InputError(option_name("tolerance", settings.words) + " '" + settings.tolerance +
+                     "': an error of a frame is judged: its rms, 'frame/NAME<0.3mm' or "
+                     "'frame/NAME<0.05deg', or its largest, 'max frame/NAME<0.8mm'");
+  Requirement out =
+      parse_requirement(quantity, *make_recording(rig, {}), settings.words, "tolerance")[0];
+  out.text = settings.tolerance;
+  return out;
+}
+
 /// Checks that the frame of a tolerance is on the target's body and measured.
 MeasuredPoint measured_point(const CalibratedFiles& files, const InstrumentViews& measured,
                              const Requirement* tolerance, const VerifySettings& settings) {
@@ -254,8 +253,14 @@ MeasuredPoint measured_point(const CalibratedFiles& files, const InstrumentViews
   if (!tolerance) return out;
   const std::string where =
       option_name("tolerance", settings.words) + " '" + settings.tolerance + "'";
-  if (tolerance->quantity != Requirement::Quantity::frame || tolerance->rotation)
-    throw InputError(where + ": the position of a frame is judged: frame/NAME<0.3mm");
+  if (tolerance->rotation && settings.standard == "distances")
+    throw InputError(where +
+                     ": distances have no rotations; those relative to the instrument are "
+                     "judged with " +
+                     option_name("standard", settings.words) + " iso9283");
+  if (tolerance->rotation && !out.pose)
+    throw InputError(where + ": sensor '" + rig.sensors[measured.sensor].name +
+                     "' measures points, no rotations: a length is expected, as in 0.3mm");
   const Target& target = rig.targets[measured.target];
   const Frame frame = frame_named(rig, files.table, tolerance->name, where);
   if (body_of(rig.tree, frame.link) != body_of(rig.tree, target.link))
@@ -305,6 +310,7 @@ VerifiedView verified_view(const PredictingRobot& robot, const Sample& sample, c
     out.predicted = sensor_T_target * what.point;
     out.measured_rotation = z.rotation;
     out.predicted_rotation = sensor_T_target.rotation;
+    out.rotation_noise = Eigen::Map<const Vector3d>(view.sigma.data() + 3).cwiseAbs2().asDiagonal();
     const Eigen::Map<const Vector6d> sigma(view.sigma.data());
     const Matrix3d lever = skew(what.point);
     Matrix3d own = lever * sigma.tail<3>().cwiseAbs2().asDiagonal() * lever.transpose();
@@ -458,6 +464,23 @@ void add_errors(const std::vector<VerifiedView>& postures, std::vector<double>& 
 
 }  // namespace
 
+std::string why_no_instrument(const Rig& rig, int sensor, int target) {
+  const std::string name = "sensor '" + rig.sensors[sensor].name + "'";
+  if (!measures_positions(rig, sensor))
+    return name + " is a " + rig.sensors[sensor].type +
+           ": an instrument that measures points or poses is expected";
+  if (rig.targets[target].link < 0)
+    return "target '" + rig.targets[target].name +
+           "' is not mounted: one that the robot carries is expected";
+  if (!needed_readings(rig, sensor, -1).empty())
+    return name + " moves with the robot: a stationary instrument is expected";
+  if (needed_readings(rig, -1, target).empty())
+    return "target '" + rig.targets[target].name +
+           "' stands still: one that the robot carries is "
+           "expected";
+  return "";
+}
+
 VerifiedResult read_verified_result(const std::string& path) {
   namespace fs = std::filesystem;
   CalibratedFiles files = read_calibrated(path);
@@ -480,9 +503,7 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
     throw InputError(option_name("standard", settings.words) +
                      ": 'distances' or 'iso9283' is expected, not '" + settings.standard + "'");
   Verification out;
-  if (!settings.tolerance.empty())
-    out.tolerance = parse_requirement(settings.tolerance, *make_recording(rig, {}), settings.words,
-                                      "tolerance")[0];
+  if (!settings.tolerance.empty()) out.tolerance = parse_tolerance(rig, settings, out.largest);
   const InstrumentViews measured = measured_views(rig, samples, settings);
   const SeenSamples seen = seen_samples(result);
   refuse_seen(result, seen, samples, measured);
@@ -538,8 +559,8 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
     if (group[k] == static_cast<int>(out.postures.size()))
       out.postures.push_back((*samples.samples)[measured.views[k].first].id);
   if (out.tolerance) {
-    out.answer = conformity(out.judged(), out.tolerance->limit);
-    out.needed = postures_needed(out.judged(), out.tolerance->limit);
+    out.answer = conformity(out.judged(), out.tolerance->limit, out.largest);
+    out.needed = out.largest ? -1 : postures_needed(out.judged(), out.tolerance->limit);
   }
   const AccuracyFigure& judged = out.judged();
   if (!judged.noise_known)

@@ -13,8 +13,11 @@
 
 namespace kincal {
 
+/// Returns why views of a target by a sensor do not show a robot's accuracy; "" if they do.
+std::string why_no_instrument(const Rig& rig, int sensor, int target);
+
 struct VerifySettings {
-  std::string tolerance;               // "frame/NAME<LIMIT"; empty: none is asked for
+  std::string tolerance;  // "frame/NAME<LIMIT", "max frame/NAME<LIMIT"; empty: none is asked for
   std::string standard = "distances";  // or iso9283
   std::string sensor;                  // the instrument; empty: the only one
   bool refit_base = false;             // the instrument was set up anew since the calibration
@@ -49,12 +52,17 @@ struct Verification {
   std::vector<double> errors, nominal;  // m, length of the position error of each posture
   int views = 0;
   std::optional<Requirement> tolerance;
+  bool largest = false;                  // the tolerance is on the largest error, not on the rms
   Conformity answer = Conformity::pass;  // without a tolerance it means nothing
-  long needed = 0;                       // postures; -1: no number of them
+  long needed = 0;                       // postures; -1: no number of them, or of the largest
   std::vector<std::string> notes;
 
   /// Returns the figure that the tolerance is on.
-  const AccuracyFigure& judged() const { return distances ? after.distance : after.position; }
+  const AccuracyFigure& judged() const {
+    return tolerance && tolerance->rotation ? after.rotation
+           : distances                      ? after.distance
+                                            : after.position;
+  }
 };
 
 /// Verifies a result. @throws InputError: samples that the calibration has seen, too few postures

@@ -168,8 +168,13 @@ std::string statement(const Field& all) {
   out +=
       "<p>Decision rule (ISO 14253-1): <em>pass</em> where the upper limit is below the tolerance, "
       "<em>fail</em> where the lower limit is above it, else <em>not provable</em>. It applies to "
-      "postures distributed like the measured ones.</p>\n"
-      "<p>";
+      "postures distributed like the measured ones.";
+  const Field tolerance = all["tolerance"];
+  if (!is_absent(tolerance) && tolerance["of"].string() == "max")
+    out +=
+        " The limits of the largest error allow for the instrument's noise in every measurement; "
+        "they are those of the measured postures.";
+  out += "</p>\n<p>";
   out += "Before is the nominal robot; the instrument's pose is fitted to these samples for it. ";
   const Field fitted = instrument["refitted"];
   out += fitted.boolean()

@@ -109,11 +109,12 @@ std::map<int, Pose> read_places(const Field& targets, const Rig& rig) {
 }
 
 Posture read_posture(const Field& field, const Rig& rig) {
-  field.check_keys({"id", "joints"}, {"views", "targets"});
+  field.check_keys({"id", "joints"}, {"views", "targets", "from"});
   Posture posture;
   if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
   posture.id = field["id"].string();
   posture.readings = read_joints(field["joints"], rig.tree);
+  if (field.has("from")) posture.from = read_joints(field["from"], rig.tree);
   if (field.has("targets")) posture.targets = read_places(field["targets"], rig);
   if (field.has("views")) read_views(field["views"], rig, posture);
   return posture;

@@ -4,7 +4,7 @@
 // "left_arm", "target": "small_board"}],
 //              "targets": {"large_board": {"xyz": [2.5, 0, 0], "rpy": [0, 0, 0]}}}
 // Joints are true readings, targets poses base_T_target of free targets that no chain holds; both
-// last keys are optional.
+// last keys are optional, and so is "from": readings that the robot comes from, as "joints".
 //
 // A truth:    {"about": ..., "parameters": {NAME: VALUE}, "values": {NAME: VALUE}, "samples": ...}
 // NAME is a parameter or one of its components; VALUE a number, a list of the parameter's

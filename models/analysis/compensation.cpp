@@ -1,5 +1,7 @@
 #include "compensation.h"
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 
@@ -86,6 +88,46 @@ Compensated compensate(const RobotTip& real, const RobotTip& planned, const Read
       now[motion.joints[i]] += by(static_cast<Eigen::Index>(i));
   }
   return out;
+}
+
+std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point,
+                                    const Vector3d& wanted, const Readings& start) {
+  constexpr int kReachSteps = 50;
+  constexpr double kNear = 1e-6, kLongest = 0.5, kReachDamping = 1e-6;  // m; rad or m; of the trace
+  const Rig& rig = *robot.robot.rig;
+  Readings now = start;
+  for (int step = 0; step < kReachSteps; ++step) {
+    const Configuration at(rig, *robot.robot.table, robot.robot.values, now);
+    const Pose base_T_tip = robot.base_T_tip(now);
+    const Vector3d e = inverse(base_T_tip) * wanted - point;
+    if (e.norm() < kNear) return now;
+    const TipMotion motion = tip_motion(at, robot.tip, base_T_tip);
+    MatrixXd j = motion.columns.topRows<3>() - skew(point) * motion.columns.bottomRows<3>();
+    VectorXd by;
+    for (bool all = false; !all;) {  // again without the joints that would leave their limits
+      MatrixXd gram = j * j.transpose();
+      gram.diagonal().array() += kReachDamping * gram.trace();
+      if (!(gram.trace() > 0)) return std::nullopt;
+      by = j.transpose() * solve_symmetric(gram, e);
+      all = true;
+      for (Eigen::Index c = 0; c < by.size(); ++c) {
+        const int joint = motion.joints[static_cast<size_t>(c)];
+        const auto [low, high] = usual_range(rig.tree.joints[joint]);
+        if (!(now[joint] <= low && by(c) < 0) && !(now[joint] >= high && by(c) > 0)) continue;
+        j.col(c).setZero();
+        all = false;
+      }
+    }
+    const double longest = by.cwiseAbs().maxCoeff();
+    if (!std::isfinite(longest)) return std::nullopt;
+    if (longest > kLongest) by *= kLongest / longest;
+    for (Eigen::Index c = 0; c < by.size(); ++c) {
+      double& reading = now[motion.joints[static_cast<size_t>(c)]];
+      const auto [low, high] = usual_range(rig.tree.joints[motion.joints[static_cast<size_t>(c)]]);
+      reading = std::clamp(reading + by(c), low, high);
+    }
+  }
+  return std::nullopt;
 }
 
 }  // namespace kincal

@@ -9,6 +9,7 @@
 // each step gains three digits.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "frames.h"
@@ -44,5 +45,11 @@ struct Compensated {
 /// between base and tip stay. It allocates. @throws std::invalid_argument: no joint moves the tip
 Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
                        bool position_only);
+
+/// Returns readings within the joints' usual ranges at which a point of the tip (tip's frame, m) is
+/// within 1 um of `wanted` (base frame, m), by damped Gauss-Newton steps from `start`; joints that
+/// stand at a limit and would leave it stay. nullopt: these steps do not lead there.
+std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point,
+                                    const Vector3d& wanted, const Readings& start);
 
 }  // namespace kincal

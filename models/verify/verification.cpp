@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 
+#include "../../solver/decompositions.h"
 #include "../fitting/closed_form.h"
 #include "../rig/distributions.h"
 
@@ -43,6 +44,66 @@ void set_limits(AccuracyFigure& figure) {
   figure.lower = std::sqrt(std::max(0.0, seen - noise - std::hypot(below, known)));
 }
 
+/// Student's sigmas for the normal ones of a share beyond: the instrument's own are not known
+/// exactly.
+double known_sigmas(double tail) {
+  return student_quantile(tail, 1 / (2 * kInstrumentKnown * kInstrumentKnown));
+}
+
+/// The share of measurements of an error of this length that are longer than `seen`; noise of 1 or
+/// 3 dimensions.
+double share_longer(double length, double seen, double sigma, int dimensions) {
+  const double near = (seen - length) / sigma, far = (seen + length) / sigma;
+  double out = normal_tail(near) + normal_tail(far);
+  if (dimensions == 3) {
+    const double density = 1 / std::sqrt(2 * kPi);
+    out += length > 1e-6 * sigma
+               ? density * sigma / length * (std::exp(-near * near / 2) - std::exp(-far * far / 2))
+               : 2 * density * seen / sigma * std::exp(-near * near / 2);
+  }
+  return out;
+}
+
+/// Takes errors into the largest of a figure.
+class LargestError {
+ public:
+  /// Of `count` errors of 1 or 3 dimensions.
+  LargestError(AccuracyFigure& figure, int dimensions, long count)
+      : figure_(figure),
+        dimensions_(dimensions),
+        sigmas_(known_sigmas(normal_tail(kCoverage))),
+        tail_(normal_tail(kCoverage) / static_cast<double>(count)),
+        wider_(known_sigmas(tail_) / std::sqrt(chi2_quantile(2 * tail_, 1))) {}
+  /// One that was seen with this length, along which the noise has this sigma.
+  void add(double seen, double sigma) {
+    figure_.max = std::max(figure_.max, seen);
+    figure_.max_upper = std::max(figure_.max_upper, seen + sigmas_ * sigma);
+    if (seen > figure_.max_lower)
+      figure_.max_lower = std::max(figure_.max_lower, shortest(seen, wider_ * sigma));
+  }
+
+ private:
+  /// The length of an error that would be seen longer with this probability; 0: any would.
+  double shortest(double seen, double sigma) const {
+    if (!(sigma > 0)) return seen;
+    double low = 0, high = seen;
+    if (share_longer(low, seen, sigma, dimensions_) >= tail_) return 0;
+    while (high - low > 1e-6 * seen) {
+      const double middle = (low + high) / 2;
+      (share_longer(middle, seen, sigma, dimensions_) < tail_ ? low : high) = middle;
+    }
+    return low;
+  }
+
+  AccuracyFigure& figure_;
+  int dimensions_;
+  double sigmas_, tail_, wider_;  // wider: as Student's at this tail
+};
+
+double largest_sigma(const Matrix3d& covariance) {
+  return std::sqrt(std::max(0.0, symmetric_eigen(covariance).values(2)));
+}
+
 /// Completes a figure: mean squares with the noise and of it, and the relative variance of the
 /// first.
 void complete(AccuracyFigure& figure, double seen, double noise, double variance) {
@@ -60,6 +121,37 @@ double gaussian_variance(const Matrix3d& moment, long n) {
   return trace > 0 ? 2 * moment.squaredNorm() / (trace * trace) / static_cast<double>(n) : 1;
 }
 
+/// An error as an instrument sees it, m or rad, and the covariance of what is noise in it.
+struct MeasuredError {
+  Vector3d e;
+  Matrix3d noise;
+  bool noise_known;
+};
+
+/// The figure of one error a posture.
+AccuracyFigure accuracy(const std::vector<MeasuredError>& errors, int fitted) {
+  AccuracyFigure out;
+  out.postures = static_cast<long>(errors.size());
+  const double n = static_cast<double>(errors.size()), free = (3 * n - fitted) / (3 * n);
+  double sum = 0, squares = 0, noise = 0;
+  Matrix3d moment = Matrix3d::Zero();
+  LargestError largest(out, 3, out.postures);
+  for (const MeasuredError& one : errors) {
+    const double q = one.e.squaredNorm();
+    sum += q;
+    squares += q * q;
+    noise += one.noise.trace() / n;
+    out.noise_known = out.noise_known && one.noise_known;
+    moment += one.e * one.e.transpose();
+    largest.add(std::sqrt(q), largest_sigma(one.noise));
+  }
+  const double mean = sum / n, spread = std::max(0.0, (squares - n * mean * mean) / (n - 1));
+  const double jackknife = mean > 0 ? spread / n / (mean * mean) : 0;
+  complete(out, mean / free, noise,
+           std::max(jackknife, gaussian_variance(moment, out.postures)) / free);
+  return out;
+}
+
 }  // namespace
 
 std::vector<VerifiedView> barycentres(const std::vector<VerifiedView>& views) {
@@ -74,6 +166,7 @@ std::vector<VerifiedView> barycentres(const std::vector<VerifiedView>& views) {
       mean.measured += views[i].measured / n;
       mean.predicted += views[i].predicted / n;
       mean.noise += views[i].noise / (n * n);
+      mean.rotation_noise += views[i].rotation_noise / (n * n);
       mean.turned = mean.turned && views[i].turned;
       mean.noise_known = mean.noise_known && views[i].noise_known;
       measured += views[i].measured_rotation;
@@ -97,26 +190,10 @@ Pose refit_base(std::vector<VerifiedView>& views) {
 }
 
 AccuracyFigure position_accuracy(const std::vector<VerifiedView>& views, int fitted) {
-  AccuracyFigure out;
-  out.postures = static_cast<long>(views.size());
-  const double n = static_cast<double>(views.size()), free = (3 * n - fitted) / (3 * n);
-  double sum = 0, squares = 0, noise = 0;
-  Matrix3d moment = Matrix3d::Zero();
-  for (const VerifiedView& view : views) {
-    const Vector3d e = view.measured - view.predicted;
-    const double q = e.squaredNorm();
-    sum += q;
-    squares += q * q;
-    noise += view.noise.trace() / n;
-    out.noise_known = out.noise_known && view.noise_known;
-    moment += e * e.transpose();
-    out.max = std::max(out.max, std::sqrt(q));
-  }
-  const double mean = sum / n, spread = std::max(0.0, (squares - n * mean * mean) / (n - 1));
-  const double jackknife = mean > 0 ? spread / n / (mean * mean) : 0;
-  complete(out, mean / free, noise,
-           std::max(jackknife, gaussian_variance(moment, out.postures)) / free);
-  return out;
+  std::vector<MeasuredError> errors;
+  for (const VerifiedView& view : views)
+    errors.push_back({view.measured - view.predicted, view.noise, view.noise_known});
+  return accuracy(errors, fitted);
 }
 
 AccuracyFigure distance_accuracy(const std::vector<VerifiedView>& views) {
@@ -126,6 +203,7 @@ AccuracyFigure distance_accuracy(const std::vector<VerifiedView>& views) {
   const double n = static_cast<double>(count), pairs = n * (n - 1) / 2;
   std::vector<double> of_posture(count, 0.0);
   double sum = 0, noise = 0;
+  LargestError largest(out, 1, static_cast<long>(pairs));
   for (size_t i = 0; i < count; ++i)
     for (size_t j = i + 1; j < count; ++j) {
       const Vector3d between = views[i].measured - views[j].measured;
@@ -135,8 +213,9 @@ AccuracyFigure distance_accuracy(const std::vector<VerifiedView>& views) {
       sum += d * d;
       of_posture[i] += d * d;
       of_posture[j] += d * d;
-      noise += u.dot((views[i].noise + views[j].noise) * u) / pairs;
-      out.max = std::max(out.max, std::abs(d));
+      const double along = u.dot((views[i].noise + views[j].noise) * u);
+      noise += along / pairs;
+      largest.add(std::abs(d), std::sqrt(along));
     }
   const double mean = sum / pairs, fewer = (n - 1) * (n - 2) / 2;
   double jackknife = 0;
@@ -159,18 +238,12 @@ AccuracyFigure distance_accuracy(const std::vector<VerifiedView>& views) {
 }
 
 AccuracyFigure rotation_accuracy(const std::vector<VerifiedView>& views) {
-  AccuracyFigure out;
-  double sum = 0;
-  for (const VerifiedView& view : views) {
-    if (!view.turned) continue;
-    const double angle =
-        log_so3(view.predicted_rotation.transpose() * view.measured_rotation).norm();
-    sum += angle * angle;
-    out.max = std::max(out.max, angle);
-    ++out.postures;
-  }
-  if (out.postures) out.seen = out.rms = std::sqrt(sum / static_cast<double>(out.postures));
-  return out;
+  std::vector<MeasuredError> errors;
+  for (const VerifiedView& view : views)
+    if (view.turned)
+      errors.push_back({log_so3(view.predicted_rotation.transpose() * view.measured_rotation),
+                        view.rotation_noise, view.noise_known});
+  return errors.empty() ? AccuracyFigure() : accuracy(errors, 0);
 }
 
 std::vector<RepeatedPosture> repeated_postures(const std::vector<VerifiedView>& views) {
@@ -246,10 +319,14 @@ Scatter scatter(const std::vector<VerifiedView>& views) {
   return out;
 }
 
-Conformity conformity(const AccuracyFigure& figure, double tolerance) {
-  return figure.upper < tolerance   ? Conformity::pass
-         : figure.lower > tolerance ? Conformity::fail
-                                    : Conformity::not_provable;
+Conformity conformity(const AccuracyFigure& figure, double tolerance, bool largest) {
+  return (largest ? figure.max_upper : figure.upper) < tolerance   ? Conformity::pass
+         : (largest ? figure.max_lower : figure.lower) > tolerance ? Conformity::fail
+                                                                   : Conformity::not_provable;
+}
+
+double share_below_largest(long postures) {
+  return std::pow(normal_tail(kCoverage), 1 / static_cast<double>(postures));
 }
 
 long postures_needed(const AccuracyFigure& figure, double tolerance) {

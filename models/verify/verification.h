@@ -15,6 +15,15 @@
 // is stated too large, and the upper limit is that of the errors as they are seen; so it is where
 // nobody states it. All limits are
 // for k = 2: a share of 2.3 % beyond each.
+//
+// Rotations are judged like positions, by the rotation vectors of predicted^-1 measured.
+//
+// The largest error is that of the measured postures (pairs) without the instrument's noise. With s
+// the instrument's sigma (of a covariance the root of its largest eigenvalue) it is at most the
+// largest |e_i| + k s_i, as the posture of the largest error is itself measured. It is at least the
+// largest L_i, where an error of length L_i would be seen as |e_i| or more with probability 2.3 %
+// / n, as each of n postures may have had the largest noise. Both as if kInstrumentKnown were
+// Student's, with 1 / (2 kInstrumentKnown^2) degrees of freedom.
 #pragma once
 
 #include <vector>
@@ -25,7 +34,7 @@ namespace kincal {
 
 /// How well an instrument's stated sigma is known, relative, k = 1.
 constexpr double kInstrumentKnown = 0.1;
-constexpr int kFewestPostures = 6;
+constexpr int kFewestPostures = 5;  // the test poses of ISO 9283
 
 /// A VerifiedView is a target as it was measured and as it was predicted, in the instrument's
 /// frame, m.
@@ -37,6 +46,7 @@ struct VerifiedView {
   bool noise_known = true;  // stated for the instrument; else found from the robot's own errors
   bool turned = false;      // the instrument measures rotations, too
   Matrix3d measured_rotation = Matrix3d::Identity(), predicted_rotation = Matrix3d::Identity();
+  Matrix3d rotation_noise = Matrix3d::Zero();  // covariance of the measured one, its axes, rad^2
 };
 
 /// Returns one view a posture, in the order of the postures: means of positions and rotations, with
@@ -57,14 +67,15 @@ struct AccuracyFigure {
   double max = 0;               // with it
   double lower = 0, upper = 0;  // of the rms, k = 2
   double freedom = 0;           // effective, of the mean square
+  double max_lower = 0, max_upper = 0;  // of the largest error without the noise, k = 2
 };
 /// Returns the figure of positions. `views` has one view a posture, `fitted` is how many numbers
 /// were fitted to them.
 AccuracyFigure position_accuracy(const std::vector<VerifiedView>& views, int fitted = 0);
 /// Returns the figure of distances between any two postures.
 AccuracyFigure distance_accuracy(const std::vector<VerifiedView>& views);
-/// Returns rms and max of the angles between measured and predicted rotations, rad, with the
-/// instrument's noise in them; no limits. `postures` is 0 where there are none.
+/// Returns the figure of the rotations between measured and predicted ones, rad. `postures` is 0
+/// where none is measured.
 AccuracyFigure rotation_accuracy(const std::vector<VerifiedView>& views);
 
 /// A RepeatedPosture is a posture that was taken several times, after ISO 9283.
@@ -91,8 +102,11 @@ struct Scatter {
 Scatter scatter(const std::vector<VerifiedView>& views);
 
 enum class Conformity { pass, fail, not_provable };
-/// Compares the limits of a figure with a tolerance on its rms.
-Conformity conformity(const AccuracyFigure& figure, double tolerance);
+/// Compares the limits of a figure with a tolerance on its rms, or on its largest error.
+Conformity conformity(const AccuracyFigure& figure, double tolerance, bool largest = false);
+/// Returns the share of postures distributed like n measured ones that have an error below the
+/// largest of these, in all but 2.3 % of cases.
+double share_below_largest(long postures);
 /// Returns about how many postures it takes to prove one or the other, if the rms stays as it is;
 /// -1: no number of them does.
 long postures_needed(const AccuracyFigure& figure, double tolerance);

@@ -2,7 +2,8 @@
 
 An arm of six joints with a reflector on its flange before a tracker; two data sets of real robots where KINCAL_DATA has them. Proves: figures of positions, distances, repeated postures and of the nominal robot's distances are those of a script of its own (forward
 kinematics of the written URDF, plain Python) to four digits; a wide tolerance passes, a narrow one fails, one at the figure is not provable and says how many postures it takes; samples that the calibration has seen, too few, in one place, or of the wrong
-instrument are refused, and nothing is written then; a tracker that was set up anew is fitted; noise that the rig does not state is taken out of no figure; the certificate has answer, names, dates and hashes, no script, and two sheets of print. Does not prove: rates of wrong decisions (tests/models/verify).
+instrument are refused, and nothing is written then; tolerances on the largest error and on rotations are judged within their limits; the test poses of ISO 9283 lie where they should, within
+the joints' limits, and accuracy, repeatability and vAP of their simulated cycles are those of the script, also of a robot with a planted error; rigs without such poses are refused with the cause; a tracker that was set up anew is fitted; noise that the rig does not state is taken out of no figure; the certificate has answer, names, dates and hashes, no script, and two sheets of print. Does not prove: rates of wrong decisions (tests/models/verify).
 """
 import hashlib
 import json
@@ -176,17 +177,55 @@ class Verify(Case):
         samples, seen = samples_of(self.samples), samples_of(self.path("sim/samples.jsonl"))
         renamed = [dict(s, id="new_%d" % i) for i, s in enumerate(seen)]
         near = [dict(s, joints={name: samples[0]["joints"][name] + 0.01 * math.sin(i + k) for k, name in enumerate(s["joints"])}) for i, s in enumerate(samples)]
-        cases = [("few", samples[:5], "5 different postures are too few"), ("again", samples + renamed[:3], "have the same readings as samples that"), ("same", [samples[0]] * 1 + [dict(samples[0], id="r%d" % i) for i in range(9)], "1 different postures"),
+        cases = [("few", samples[:4], "4 different postures are too few"), ("again", samples + renamed[:3], "have the same readings as samples that"), ("same", [samples[0]] * 1 + [dict(samples[0], id="r%d" % i) for i in range(9)], "1 different postures"),
                  ("near", near, "all postures are in one place"), ("none", [dict(s, views=[]) for s in samples], "no sample has a view")]
         out = self.path("refused")
         self.assertIn("is the file that", run("verify", self.result, self.path("sim/samples.jsonl"), "--out", out, code=1))
         for name, content, words in cases:
             self.assertIn(words, run("verify", self.result, write_samples(self.path(name + ".jsonl"), content), "--out", out, code=1))
         for more, words in ((["--tolerance", "frame/nobody<1mm"], "there is no frame 'nobody'"), (["--tolerance", "frame/flange<1mm"], "write frame/target/reflector"), (["--tolerance", "frame/elbow<1mm"], "is not on the body"),
-                            (["--tolerance", "sensor/tracker<1mm"], "the position of a frame is judged"), (["--tolerance", "frame/target/reflector<1mrad"], "the position of a frame is judged"), (["--standard", "din"], "--standard"), (["--sensor", "eye"], "no view is of sensor 'eye'")):
+                            (["--tolerance", "sensor/tracker<1mm"], "an error of a frame is judged"), (["--tolerance", "maximum frame/flange<1mm"], "or its largest, 'max frame/NAME<0.8mm'"),
+                            (["--tolerance", "max frame/target/reflector<1px"], "'px' is no unit of a frame"), (["--tolerance", "frame/target/reflector<1mrad"], "distances have no rotations"),
+                            (["--standard", "iso9283", "--tolerance", "frame/target/reflector<0.1deg"], "measures points, no rotations"), (["--standard", "din"], "--standard"), (["--sensor", "eye"], "no view is of sensor 'eye'")):
             self.assertIn(words, run("verify", self.result, self.samples, *more, "--out", out, code=1))
         self.assertIn("result directory of a calibration is expected", run("verify", self.path("rig.yaml"), self.samples, code=1))
         self.assertFalse(os.path.exists(out))
+
+    def test_largest(self):
+        for standard, kind in (("distances", "distance"), ("iso9283", "position")):
+            one = self.told(self.samples, "--standard", standard)["after"][kind]
+            self.assertTrue(one["max_lower"] < one["max"] < one["max_upper"])
+            for limit, code, answer in ((1.01 * one["max_upper"], 0, "pass"), (one["max"], 5, "not provable"), (0.99 * one["max_lower"], 4, "fail")):
+                told = self.told(self.samples, "--standard", standard, "--tolerance", "max frame/target/reflector<%.9fmm" % (1000 * limit), code=code)
+                self.assertEqual((told["answer"], told["tolerance"]["of"], told["tolerance"]["quantity"], told["tolerance"]["needed"]), (answer, "max", kind, None))
+                self.assertIn("largest error of %ss of target/reflector is %.4g mm" % (kind, 1000 * one["max"]), told["text"])
+                self.assertAlmostEqual(told["tolerance"]["share"], 0.02275 ** (1 / (60 if kind == "position" else 30)), 4)
+            self.assertIn("not more postures but repeated ones", self.told(self.samples, "--standard", standard, "--tolerance", "max frame/target/reflector<%.9fmm" % (1000 * one["max"]), code=5)["text"])
+
+    def test_rotations(self):
+        rig, result = self.path("poses.yaml"), self.path("of_poses")
+        with open(rig, "w") as f:
+            f.write(RIG.replace("type: point,", "type: pose,").replace("sigma: 0.00003", "sigma: {translation: 0.00003, rotation: 0.0001}").replace('"target/reflector/pose.[xyz]"', "target/reflector/pose"))
+        run("simulate", rig, "--samples", "40", "--seed", "3", *SPREAD, "--spread", "joint/wrist_bend/origin.r[xyz]=0.001", "--out", self.path("poses"))
+        run("calibrate", rig, self.path("poses/samples.jsonl"), "--out", result, "--quiet")
+        run("simulate", rig, "--samples", "60", "--seed", "4", "--truth", self.path("poses/truth.json"), "--out", self.path("poses_later"))
+        samples = self.path("poses_later/samples.jsonl")
+        told = json.loads(run("verify", result, samples, "--json"))
+        one = told["after"]["rotation"]
+        script = Script(result, self.mount)
+        angles = [norm(log_rotation(mul(inverse(script.predicted(s)), from_quaternion(s["views"][0]["pose"]["xyz"], s["views"][0]["pose"]["quat"])))) for s in samples_of(samples)]
+        self.close(one["seen"], rms(angles))
+        self.close(one["max"], max(angles))
+        self.close(one["instrument"], math.sqrt(3) * 1e-4)
+        self.close(one["rms"], math.sqrt(one["seen"] ** 2 - one["instrument"] ** 2))
+        self.assertGreater(one["max_lower"], 0)
+        for words, of in (("", ""), ("max ", "max_")):
+            for limit, code in ((1.01 * one[of + "upper"], 0), (0.99 * one[of + "lower"], 4)):
+                limit = math.degrees(limit)
+                told = json.loads(run("verify", result, samples, "--standard", "iso9283", "--tolerance", "%sframe/flange<%.9fdeg" % (words, limit), "--json", code=code))
+                self.assertEqual(told["tolerance"]["quantity"], "rotation")
+                self.assertIn("error of rotations of flange is", told["text"])
+                self.assertIn(" %.4g deg" % limit, told["text"])
 
     def test_set_up_anew(self):
         anew = mul(frame((0.4, -0.2, 0.1)), axis_angle((1, 2, 3), 0.2))
@@ -221,6 +260,125 @@ class Verify(Case):
             self.close(one["rp"], middle + 3 * math.sqrt(sum((x - middle) ** 2 for x in lengths) / 5))
             ways = [[sum(m[k] for m, _ in both[w::2]) / 3 for k in range(3)] for w in (0, 1)]
             self.close(one["vap"], norm(minus(*ways)))
+
+    def planned(self, *more, rig=None, code=0):
+        """What `plan --verify` says, and its postures."""
+        out = self.path("planned.jsonl")
+        told = run("plan", rig or self.result, "--verify", "--standard", "iso9283", *more, "--out", out, "--force", "--json", code=code)
+        return (told, None) if code else (json.loads(told), samples_of(out))
+
+    def position(self, script, joints):
+        """Of the reflector, in the base."""
+        return [mul(link_pose(script.joints, "flange", joints), script.pose["target/reflector/pose"])[i][3] for i in range(3)]
+
+    def test_protocol(self):
+        plan, postures = self.planned()
+        self.assertEqual((self.planned()), (plan, postures))
+        self.assertEqual((plan["cycles"], len(postures), plan["postures"]), (30, 150, [p["id"] for p in postures]))
+        self.assertEqual([p["id"] for p in postures[:6]], ["P5_01", "P4_01", "P3_01", "P2_01", "P1_01", "P5_02"])
+        limits = {"turn": 2.9, "lift": 2.0, "bend": 2.6, "forearm_roll": 3.1, "wrist_bend": 2.2, "wrist_roll": 3.1}
+        script, edge, centre = Script(self.result, self.mount), plan["cube"]["edge"], plan["cube"]["centre"]
+        self.assertGreater(edge, 0.5)  # of an arm that reaches 0.9 m round its shoulder
+        points = {}
+        for pose in plan["poses"]:
+            points[pose["name"]] = self.position(script, pose["joints"])
+            self.assertLess(norm(minus(points[pose["name"]], pose["xyz"])), 2e-6)
+            self.assertTrue(all(abs(pose["joints"][name]) <= limit for name, limit in limits.items()))
+        self.assertLess(norm(minus(points["P1"], centre)), 2e-6)
+        for name in ("P2", "P3", "P4", "P5"):
+            self.close(norm(minus(points[name], centre)), 0.8 * edge * math.sqrt(3) / 2)
+
+        # The robot as it is has an error that the calibration does not know.
+        with open(self.path("sim/truth.json")) as f:
+            truth = json.load(f)
+        known = truth["parameters"].get("joint/bend/offset", 0)
+        truth["parameters"]["joint/bend/offset"] = (known["true"] if isinstance(known, dict) else known) + 0.01
+        with open(self.path("bent.json"), "w") as f:
+            json.dump({"parameters": truth["parameters"]}, f)
+        for number, name in enumerate(("sim/truth.json", "bent.json")):
+            out = self.path("cycles%d" % number)
+            run("simulate", self.path("rig.yaml"), "--samples", "150", "--seed", "9", "--truth", self.path(name), "--postures", self.path("planned.jsonl"), "--out", out)
+            measured = os.path.join(out, "samples.jsonl")
+            told = self.told(measured, "--standard", "iso9283", "--tolerance", "max frame/target/reflector<2mm", code=4 if number else 0)
+            self.assertEqual((told["counts"], [one["count"] for one in told["repeated"]]), ({"postures": 5, "views": 150}, [30] * 5))
+            for one in told["repeated"]:
+                both = script.positions([s for s in samples_of(measured) if s["id"][:2] == one["posture"][:2]])
+                mean, expected = ([sum(b[w][k] for b in both) / 30 for k in range(3)] for w in (0, 1))
+                lengths = [norm(minus(m, mean)) for m, _ in both]
+                middle = sum(lengths) / 30
+                self.close(one["ap"], norm(minus(mean, expected)))
+                self.close(one["rp"], middle + 3 * math.sqrt(sum((x - middle) ** 2 for x in lengths) / 29))
+            self.close(told["after"]["position"]["seen"], rms([one["ap"] for one in told["repeated"]]))
+            self.assertEqual(max(one["ap"] for one in told["repeated"]) > 2e-3, number == 1)
+            self.assertLess(max(one["rp"] for one in told["repeated"]), 3e-4)
+
+    def test_region(self):
+        plan, _ = self.planned("--region", "0.3,-0.5,0,1,0.5,1", "--cycles", "1")
+        edge, centre = plan["cube"]["edge"], plan["cube"]["centre"]
+        self.assertGreater(edge, 0.3)
+        for low, high, middle in zip((0.3, -0.5, 0), (1, 0.5, 1), centre):
+            self.assertTrue(low <= middle - edge / 2 and middle + edge / 2 <= high)
+
+    def test_approaches(self):
+        plan, postures = self.planned("--approaches", "--cycles", "3")
+        self.assertEqual([p["id"] for p in postures[:11]], ["P5_01", "P4_01@x", "P4_01@y", "P4_01@z", "P3_01", "P2_01@x", "P2_01@y", "P2_01@z", "P1_01@x", "P1_01@y", "P1_01@z"])
+        self.assertEqual((len(postures), plan["cycles"]), (33, 3))
+        script, edge, centre = Script(self.result, self.mount), plan["cube"]["edge"], plan["cube"]["centre"]
+        for posture in postures[:11]:
+            self.assertEqual("from" in posture, "@" in posture["id"])
+            if "from" not in posture:
+                continue
+            at = self.position(script, posture["joints"])
+            way = minus(at, self.position(script, posture["from"]))
+            axis = "xyz".index(posture["id"][-1])
+            self.assertLess(max(abs(w) for k, w in enumerate(way) if k != axis), 5e-6)
+            self.assertAlmostEqual(abs(way[axis]), 0.1 * edge, 5)
+            outwards = 1 if posture["id"].startswith("P1") else at[axis] - centre[axis]
+            self.assertGreater(way[axis] * outwards, 0)
+        run("simulate", self.path("rig.yaml"), "--samples", "33", "--seed", "9", "--truth", self.path("sim/truth.json"), "--postures", self.path("planned.jsonl"), "--out", self.path("ways"))
+        told = self.told(self.path("ways/samples.jsonl"), "--standard", "iso9283")
+        self.assertEqual({one["posture"][:2]: one["count"] for one in told["repeated"]}, {"P1": 9, "P2": 9, "P3": 3, "P4": 9, "P5": 3})
+        for one in told["repeated"]:
+            self.assertEqual("vap" in one, one["count"] == 9)
+            if one["count"] < 9:
+                continue
+            views = [s for s in samples_of(self.path("ways/samples.jsonl")) if s["id"][:2] == one["posture"][:2]]
+            means = [[sum(m[k] for m, _ in script.positions([s for s in views if s["id"].endswith(way)])) / 3 for k in range(3)] for way in "xyz"]
+            self.close(one["vap"], max(norm(minus(a, b)) for a in means for b in means))
+
+    def test_protocol_refused(self):
+        urdf = text_of(self.path("robot.urdf"))
+        shutil.rmtree(self.path("other"), ignore_errors=True)
+        os.mkdir(self.path("other"))
+
+        def refused(words, rig=RIG, robot=urdf, more=()):
+            for name, text in (("rig.yaml", rig), ("robot.urdf", robot)):
+                with open(self.path("other/" + name), "w") as f:
+                    f.write(text)
+            self.assertIn(words, self.planned(*more, rig=self.path("other/rig.yaml"), code=1)[0])
+
+        refused("'tracker' is a camera: an instrument that measures points or poses is expected", re.sub("type: point, link: base,", "type: camera, link: base, model: pinhole, intrinsics: [600, 600, 320, 240], image_size: [640, 480],", RIG).replace("sigma: 0.00003}", "sigma: 0.1}"))
+        refused("stands still", RIG.replace("link: flange, pose: {xyz: [0.02", "link: base, pose: {xyz: [0.02"))
+        refused("'tracker' moves with the robot", RIG.replace("type: point, link: base", "type: point, link: elbow"))
+        refused("sensor/tracker/pose is not known: give its pose, or plan with the result of a calibration", RIG.replace("pose: {xyz: [2, 0.3, 0.5], rpy: [0, 0, 3]}, ", ""))
+        second = re.search("  tracker: .*\n", RIG)[0]
+        refused("choose with --sensor", RIG.replace(second, second + second.replace("tracker:", "other:")))
+        refused("no sensor 'eye' sees a target", more=["--sensor", "eye"])
+        flat = re.sub('(<joint name="(?!turn)[a-z_]*" type=)"revolute"', '\\1"fixed"', urdf)
+        refused("no cube fits in the space where target 'reflector' is reached and sensor 'tracker' sees it", re.sub("joint/(?!turn)[a-z_]*/offset, ", "", RIG), flat)
+        for more, words in ((["--next", "3"], "--next excludes --verify"), (["--standard", "din"], "--standard"), (["--cycles", "0"], "--cycles")):
+            self.assertIn(words, self.planned(*more, code=1)[0])
+        self.assertIn("--cycles requires --verify", run("plan", self.result, "--cycles", "3", "--out", self.path("x.jsonl"), code=1))
+        for region, words in (("0,0,0,1,1", "--region"), ("1,0,0,0,1,1", "the first corner is not below the second"), ("5,5,5,6,6,6", "no cube fits in the space")):
+            self.assertIn(words, self.planned("--region", region, code=1)[0])
+        # A joint without limits turns once at most.
+        with open(self.path("other/rig.yaml"), "w") as f:
+            f.write(RIG)
+        with open(self.path("other/robot.urdf"), "w") as f:
+            f.write(re.sub('(<joint name="turn" type=)"revolute"', '\\1"continuous"', urdf))
+        plan, postures = self.planned("--cycles", "1", rig=self.path("other/rig.yaml"))
+        self.assertEqual(len(postures), 5)
+        self.assertTrue(all(abs(p["joints"]["turn"]) <= math.pi for p in postures))
 
     def test_noise_not_stated(self):
         rig, result = self.path("guess.yaml"), self.path("guessed")

@@ -566,6 +566,50 @@ class Planning(Folder):
             self.assertIn(next(iter(bad)), str(wrong.exception))
 
 
+class Verifying(Folder):
+    RIG = """{format: kincal/1, robot: robot.urdf, base: base, joints: {"*": {sigma: 0.00002}},
+targets: {reflector: {type: points, points: [[0, 0, 0]], mount: {link: flange, pose: {xyz: [0.02, 0.03, 0.1]}}}},
+sensors: {tracker: {type: point, link: base, pose: {xyz: [2, 0.3, 0.5], rpy: [0, 0, 3]}, sigma: 0.00003}},
+estimate: [{step: all, free: [joint/lift/offset, joint/bend/offset, joint/wrist_bend/offset, sensor/tracker/pose, "target/reflector/pose.[xyz]"]}]}"""
+
+    def test_circle(self):
+        """Test poses, their samples and the certificate are those of the program."""
+        path = self.path("rig.yaml")
+        shutil.copy(os.path.join(SOURCE_DIR, "examples", "arm", "robot.urdf"), self.path("robot.urdf"))
+        with open(path, "w") as file:
+            file.write(self.RIG)
+        spread = {"joint/lift/offset": 0.003, "joint/bend/offset": 0.003, "*/pose.[xyz]": 0.003}
+        first = kincal.simulate(path, 40, 3, spread=spread)
+        result = kincal.calibrate(path, first.samples)
+        result.save(self.path("result"))
+        planned = kincal.plan_verification(result.rig, cycles=4, region=[-2, -2, 0, 2, 2, 2])
+        out = subprocess.run([KINCAL, "plan", self.path("result"), "--verify", "--cycles", "4", "--region=-2,-2,0,2,2,2", "--json", "--out", self.path("poses.jsonl")], stdout=subprocess.PIPE, text=True, check=True).stdout
+        self.assertEqual(planned.plan, json.loads(out))
+        with open(self.path("poses.jsonl")) as file:
+            self.assertEqual(planned.postures, [json.loads(line) for line in file])
+        self.assertIn("ISO 9283: 5 poses of target 'reflector'", repr(planned))
+        later = kincal.simulate(path, 20, 4, truth=first.truth, postures=planned.postures).samples
+        later.save(self.path("later.jsonl"))
+        found = kincal.verify(result, later, standard="iso9283", tolerance="max frame/target/reflector<0.5mm", instrument="tracker 7")
+        out = subprocess.run([KINCAL, "verify", self.path("result"), self.path("later.jsonl"), "--standard", "iso9283", "--tolerance", "max frame/target/reflector<0.5mm", "--instrument", "tracker 7", "--json"],
+                             stdout=subprocess.PIPE, text=True, check=True).stdout
+        told, printed = found.to_dict(), json.loads(out)
+        self.assertEqual(found.answer, "pass")
+        for key in ("after", "before", "tolerance", "repeated", "counts", "instrument", "text"):
+            self.assertEqual(told[key], printed[key], key)
+        self.assertTrue(repr(found).startswith("pass: largest error of positions"))
+        found.save(self.path("certificate"))
+        self.assertEqual(sorted(os.listdir(self.path("certificate"))), ["certificate.html", "certificate.json"])
+        for bad, words in ((dict(tolerance="frame/flange<1px"), "tolerance"), (dict(standard="din"), "standard: 'distances' or 'iso9283'"), (dict(sensor="eye"), "eye")):
+            with self.assertRaises(kincal.InputError) as wrong:
+                kincal.verify(self.path("result"), later, **bad)
+            self.assertIn(words, str(wrong.exception))
+        for bad in (dict(cycles=0), dict(region=[1, 2]), dict(sensor="eye")):
+            with self.assertRaises(kincal.InputError) as wrong:
+                kincal.plan_verification(path, **bad)
+            self.assertIn(next(iter(bad)), str(wrong.exception))
+
+
 class Running(Folder):
     def test_progress(self):
         told = []

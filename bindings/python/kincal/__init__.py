@@ -9,8 +9,9 @@ Files of the program come in as paths, or as dicts and numpy arrays with the sam
 from ._data import Rig, Samples
 from ._errors import InputError, StartError
 from ._kincal import __version__
-from ._result import Check, Compensated, Evaluation, Parameter, Residuals, Result
-from ._run import Monitor, Plan, Progress, Simulation, StaticViews, calibrate, check, detect, evaluate, plan, simulate
+from ._result import Check, Compensated, Evaluation, Parameter, Residuals, Result, Verification
+from ._run import (Monitor, Plan, Progress, Simulation, StaticViews, TestPoses, calibrate, check, detect, evaluate, plan, plan_verification,
+                   simulate, verify)
 
 __all__ = ["Check", "Compensated", "Evaluation", "InputError", "Monitor", "Parameter", "Plan", "Progress", "Residuals", "Result", "Rig", "Samples", "Simulation", "StaticViews",
-           "StartError", "__version__", "calibrate", "check", "detect", "evaluate", "plan", "simulate"]
+           "StartError", "TestPoses", "Verification", "__version__", "calibrate", "check", "detect", "evaluate", "plan", "plan_verification", "simulate", "verify"]

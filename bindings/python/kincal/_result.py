@@ -225,3 +225,26 @@ class Result(Found):
         head = "<kincal.Result: %s\n chi2 %.6g, %d degrees of freedom; %d components estimated; changes that are largest in sigmas:\n" % (
             self._json["verdict"]["text"], self.chi2, self.dof, len(rows) + 6 * len(new))
         return head + "\n".join(lines) + ">"
+
+
+class Verification:
+    """The verification of a calibrated robot."""
+
+    def __init__(self, certificate: str, text: str, page: str) -> None:
+        self._certificate, self.text, self._page = certificate, text, page
+
+    @property
+    def answer(self) -> str:
+        """pass, fail, not provable; none: no tolerance was given."""
+        return str(self.to_dict()["answer"])
+
+    def to_dict(self) -> Any:
+        """certificate.json; a copy."""
+        return json.loads(self._certificate)
+
+    def save(self, directory: Path, force: bool = False) -> None:
+        """Writes certificate.html and certificate.json, as `kincal verify --out` does."""
+        _kincal.write_directory(os.fspath(directory), {"certificate.html": self._page, "certificate.json": self._certificate}, force)
+
+    def __repr__(self) -> str:
+        return self.text.rstrip()

@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Opt
 from . import _kincal
 from ._data import Path, Rig, Samples, as_rig, as_samples, here, plain
 from ._errors import InputError
-from ._result import Check, Evaluation, Result
+from ._result import Check, Evaluation, Result, Verification
 
 RigLike = Union[Rig, Path, Mapping[str, Any]]
 SamplesLike = Union[Samples, Path, Iterable[Mapping[str, Any]]]
@@ -127,6 +127,49 @@ def plan(rig: RigLike, samples: Optional[SamplesLike] = None, *, next: int = 20,
     read = None if samples is None else as_samples(samples).of(one, told)
     text, forecast, words = _kincal.plan(one._rig, read, settings, told)
     return Plan([json.loads(line) for line in text.splitlines()], json.loads(forecast), words)
+
+
+class TestPoses(NamedTuple):
+    """Postures to measure, as `simulate` takes them, in the order of the test; cube and poses, as `kincal plan --verify --json`; in words."""
+    postures: List[Dict[str, Any]]
+    plan: Dict[str, Any]
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text.rstrip()
+
+
+def plan_verification(rig: RigLike, *, sensor: Optional[str] = None, cycles: int = 30, approaches: bool = False, region: Optional[Sequence[float]] = None,
+                      candidates: int = 2000, seed: int = 1, clearance: Optional[float] = 0.02, progress: Optional[Listener] = None) -> TestPoses:
+    """The test poses of ISO 9283 for `verify`: as `kincal plan --verify`. `region`: x, y, z of two corners (m, base frame) that the cube lies between."""
+    one = as_rig(rig)
+    for name, value, low, high in (("cycles", cycles, 1, 1000), ("candidates", candidates, 10, 100_000), ("seed", seed, 0, 1 << 62)):
+        if not isinstance(value, int) or not low <= value <= high:
+            raise InputError("%s: %r is no integer in %d .. %d" % (name, value, low, high))
+    if clearance is not None and not 0 <= clearance <= 1:
+        raise InputError("clearance: %r is not in 0 .. 1" % (clearance,))
+    corners = [float(x) for x in region] if region is not None else []
+    if len(corners) not in (0, 6):
+        raise InputError("region: 6 numbers are expected, x, y, z of two corners, not %d" % len(corners))
+    settings = _kincal.TestPoseSettings(sensor or "", cycles, approaches, corners, (candidates, seed), -1.0 if clearance is None else float(clearance))
+    text, found, words = _kincal.plan_verification(one._rig, settings, _told(progress))
+    return TestPoses([json.loads(line) for line in text.splitlines()], json.loads(found), words)
+
+
+def verify(result: Union[Result, Path], samples: SamplesLike, *, tolerance: Optional[str] = None, standard: Optional[str] = None, sensor: Optional[str] = None,
+           refit_base: bool = False, instrument: Optional[str] = None, environment: Optional[str] = None, serial: Optional[str] = None,
+           measured: Optional[str] = None, progress: Optional[Listener] = None) -> Verification:
+    """Verifies a calibrated robot with samples that its calibration did not use: as `kincal verify`. `result` is a Result, or the path of its folder."""
+    if isinstance(result, Result):
+        with tempfile.TemporaryDirectory(prefix="kincal_") as folder:
+            result.save(os.path.join(folder, "result"))
+            return verify(os.path.join(folder, "result"), samples, tolerance=tolerance, standard=standard, sensor=sensor, refit_base=refit_base,
+                          instrument=instrument, environment=environment, serial=serial, measured=measured, progress=progress)
+    stored = as_samples(samples)
+    given = {"tolerance": tolerance, "standard": standard, "sensor": sensor, "instrument": instrument, "environment": environment, "serial": serial, "measured": measured}
+    words = {**_settings(None, given), "command": "kincal.verify()"}
+    text, printed, page = _kincal.verify(os.fspath(result), (stored.text, stored.path), words, refit_base, _told(progress))
+    return Verification(text, printed, page)
 
 
 class Monitor:
