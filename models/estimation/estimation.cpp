@@ -19,8 +19,10 @@ struct Estimation::Parts {
   /// null: which rows are which noise's.
   bool group_rows(int group, const VectorXd& state, int worker, bool compress, MatrixXd& rows,
                   std::vector<NoiseRows>* kinds);
-  MatrixXd rows_of_view(const ViewLayout& v, const Scratch& local, int most, int first,
-                        int count) const;
+  Eigen::Map<MatrixXd> rows_of_view(const ViewLayout& v, Scratch& local, const NoisePart& part,
+                                    int most) const;
+  Eigen::Map<MatrixXd> compressed_view(const PlacedView& v, int kinematic_rows, bool compress,
+                                       Scratch& local, std::vector<NoiseRows>* kinds) const;
 
   /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
   /// paths.
@@ -279,49 +281,104 @@ void Estimation::end_piece(int worker, const GroupEquations& to) const {
 
 namespace {
 
-/// An upper triangle with the same Gram matrix as `rows` rows, which end with zeros to a multiple
-/// of 8; they are scratch afterwards.
-MatrixXd compressed(Eigen::Ref<MatrixXd> rows) {
+/// Makes rows an upper triangle with the same Gram matrix; they end with zeros to a multiple of 8,
+/// and those behind the triangle are scratch afterwards.
+void make_triangle(Eigen::Ref<MatrixXd> rows) {
   const int width = static_cast<int>(rows.cols());
   kernels().triangularise(rows.data(), static_cast<int>(rows.rows()), width, width,
                           rows.outerStride());
-  return rows.topRows(rows.cols()).triangularView<Eigen::Upper>();
+  for (int c = 0; c + 1 < width; ++c) rows.col(c).segment(c + 1, width - c - 1).setZero();
+}
+
+/// Returns how many rows are left where more than `most` become a triangle.
+int rows_left(int rows, int most, int width) { return rows > most ? std::min(rows, width) : rows; }
+
+double* room(AlignedNumbers& in, Eigen::Index count) {
+  if (in.size() < static_cast<size_t>(count)) in.resize(static_cast<size_t>(count));
+  return in.data();
 }
 
 constexpr int kRigidMotion = 6;  // degrees of freedom of a rigid motion
 
-/// Of a triangle whose first `kinematic` columns are how a view moves: brings its rows that depend
-/// on the motion of a rigid thing to the front, and returns how many these are. A scanning sensor's
-/// view has more columns, which move it in no more ways but for next to nothing.
-int motion_first(int kinematic, MatrixXd& triangle) {
+/// Copies a triangle whose first `kinematic` columns are how a view moves: rows that depend on the
+/// motion of a rigid thing come first. Returns how many these are. A scanning sensor's view has
+/// more columns, which move it in no more ways but for next to nothing.
+int copy_motion_first(int kinematic, const Eigen::Ref<const MatrixXd>& triangle,
+                      std::vector<std::pair<double, int>>& order, Eigen::Ref<MatrixXd> to) {
   const int rows = static_cast<int>(triangle.rows()), all = std::min(rows, kinematic);
+  to = triangle;
   if (all <= kRigidMotion) return all;
-  std::vector<std::pair<double, int>> order;  // by what is left of a column, relative to all of it
+  order.clear();  // by what is left of a column, relative to all of it
   for (int i = 0; i < all; ++i)
     order.push_back({-std::abs(triangle(i, i)) / std::max(1e-300, triangle.col(i).norm()), i});
   std::sort(order.begin(), order.end());
-  std::vector<int> place;
-  for (const auto& entry : order) place.push_back(entry.second);
-  for (int i = all; i < rows; ++i) place.push_back(i);
-  MatrixXd out(rows, triangle.cols());
-  for (int i = 0; i < rows; ++i) out.row(i) = triangle.row(place[i]);
-  triangle = std::move(out);
+  for (int i = 0; i < all; ++i) to.row(i) = triangle.row(order[i].second);
   return kRigidMotion;
 }
 
 }  // namespace
 
-/// What is in the scratch of a view, [L r]; `first` and `count`: which rows of each block. More
-/// than `most` rows are compressed to a triangle.
-MatrixXd Estimation::Parts::rows_of_view(const ViewLayout& v, const Scratch& local, int most,
-                                         int first, int count) const {
-  const int width = v.columns.total + 1, rows = v.blocks() * count;
+/// What is in the scratch of a view, [L r], of the rows of a part in each block. More than `most`
+/// rows become a triangle. In Scratch::part.
+Eigen::Map<MatrixXd> Estimation::Parts::rows_of_view(const ViewLayout& v, Scratch& local,
+                                                     const NoisePart& part, int most) const {
+  const int width = v.columns.total + 1, rows = v.blocks() * part.count;
   const bool compress = rows > most;
-  MatrixXd out = MatrixXd::Zero(compress ? padded(std::max(rows, width)) : rows, width);
+  const int height = compress ? padded(std::max(rows, width)) : rows;
+  Eigen::Map<MatrixXd> out(room(local.part, static_cast<Eigen::Index>(height) * width), height,
+                           width);
+  out.setZero();
   for (int b = 0; b < v.blocks(); ++b)
-    for (int i = 0; i < count; ++i)
-      out.row(b * count + i) = local.rows.row(v.row(b, first + i)).head(width);
-  return compress ? MatrixXd(compressed(out).topRows(std::min(rows, width))) : out;
+    for (int i = 0; i < part.count; ++i)
+      out.row(b * part.count + i) = local.rows.row(v.row(b, part.first + i)).head(width);
+  if (compress) make_triangle(out);
+  return out;
+}
+
+/// Compresses the rows of a view in the scratch, each kind of noise by itself if `kinds` are asked
+/// for; their first rows count from 0. In Scratch::view.
+Eigen::Map<MatrixXd> Estimation::Parts::compressed_view(const PlacedView& v, int kinematic_rows,
+                                                        bool compress, Scratch& local,
+                                                        std::vector<NoiseRows>* kinds) const {
+  const ViewLayout& layout_of = *v.layout;
+  const int width = layout_of.columns.total + 1;
+  const auto view_of = [&](int count) {
+    return Eigen::Map<MatrixXd>(room(local.view, static_cast<Eigen::Index>(count) * width), count,
+                                width);
+  };
+  if (kinds && layout_of.noise.size() > 1) {
+    const int most = std::min(kRigidMotion, kinematic_rows);
+    int all = 0;
+    for (const NoisePart& part : layout_of.noise)
+      all += rows_left(layout_of.blocks() * part.count, most, width);
+    Eigen::Map<MatrixXd> view = view_of(all);
+    int filled = 0;
+    for (size_t p = 0; p < layout_of.noise.size(); ++p) {
+      const NoisePart& part = layout_of.noise[p];
+      const int rows = layout_of.blocks() * part.count, count = rows_left(rows, most, width);
+      const Eigen::Map<MatrixXd> of_part = rows_of_view(layout_of, local, part, most);
+      const int moved = copy_motion_first(kinematic_rows, of_part.topRows(count), local.by_share,
+                                          view.middleRows(filled, count));
+      kinds->push_back({v.view, static_cast<int>(p), -1, filled, count, rows, moved});
+      filled += count;
+    }
+    return view;
+  }
+  const int rows = layout_of.rows();
+  int count = rows;
+  if (compress && rows > width) {
+    count = width;
+    const auto seen = local.rows.topLeftCorner(layout_of.padded_rows(), width);
+    make_triangle(seen);
+    view_of(count) = seen.topRows(count);
+  } else {
+    const int most = kinds ? kinematic_rows : rows;
+    count = rows_left(rows, most, width);
+    view_of(count) =
+        rows_of_view(layout_of, local, {"", "", 0, layout_of.model->rows()}, most).topRows(count);
+  }
+  if (kinds) kinds->push_back({v.view, 0, -1, 0, count, rows, std::min(count, kinematic_rows)});
+  return view_of(count);
 }
 
 bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker, bool compress,
@@ -344,57 +401,42 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   }
   const PlacedSample& s = *placed;
   Scratch& local = scratch[worker];
-  Eigen::Index most = static_cast<Eigen::Index>(s.layout->noisy.size()), used = 0;
+  Eigen::Index all = static_cast<Eigen::Index>(s.layout->noisy.size()), used = 0;
   for (const ViewLayout& v : s.layout->views) {
-    const size_t parts = kinds ? v.model->noise_parts().size() : 1;
-    const int width = v.columns.total + 1;
-    most += compress ? std::min(v.rows(), static_cast<int>(parts) * width) : v.rows();
+    const int width = v.columns.total + 1, kinematic_rows = s.layout->paths[v.path].rows();
+    if (kinds && v.noise.size() > 1) {
+      for (const NoisePart& part : v.noise)
+        all += rows_left(v.blocks() * part.count, std::min(kRigidMotion, kinematic_rows), width);
+    } else {
+      const int most = compress && v.rows() > width ? width : kinds ? kinematic_rows : v.rows();
+      all += rows_left(v.rows(), most, width);
+    }
   }
-  rows.setZero(most, size + 1);
+  rows.setZero(all, size + 1);
   Cost cost;
   if (!walk(s, state, local, true)) return false;
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
-    const int k = v.layout->model->rows(), kinematic_rows = s.layout->paths[v.layout->path].rows();
-    const int width = v.layout->columns.total + 1;
-    const std::vector<NoisePart> noise =
-        kinds ? v.layout->model->noise_parts() : std::vector<NoisePart>();
-    MatrixXd view;
-    if (noise.size() > 1) {
-      view.resize(v.layout->rows(), width);
-      Eigen::Index filled = 0;
-      for (size_t p = 0; p < noise.size(); ++p) {
-        MatrixXd part = rows_of_view(*v.layout, local, std::min(kRigidMotion, kinematic_rows),
-                                     noise[p].first, noise[p].count);
-        const int count = static_cast<int>(part.rows()), moved = motion_first(kinematic_rows, part);
-        view.middleRows(filled, count) = part;
-        kinds->push_back({v.view, static_cast<int>(p), -1, static_cast<int>(used + filled), count,
-                          v.layout->blocks() * noise[p].count, moved});
-        filled += part.rows();
-      }
-      view.conservativeResize(filled, Eigen::NoChange);
-    } else {
-      view = compress && v.layout->rows() > width
-                 ? compressed(local.rows.topLeftCorner(v.layout->padded_rows(), width))
-                 : rows_of_view(*v.layout, local, kinds ? kinematic_rows : v.layout->rows(), 0, k);
-      const int count = static_cast<int>(view.rows());
-      if (kinds)
-        kinds->push_back({v.view, 0, -1, static_cast<int>(used), count, v.layout->rows(),
-                          std::min(count, kinematic_rows)});
-    }
+    const int kinematic_rows = s.layout->paths[v.layout->path].rows();
+    const size_t before = kinds ? kinds->size() : 0;
+    const Eigen::Map<MatrixXd> view = compressed_view(v, kinematic_rows, compress, local, kinds);
+    for (size_t i = before; kinds && i < kinds->size(); ++i)
+      (*kinds)[i].first += static_cast<int>(used);
     motion.kinematic_matrix(v, s, state, local);
     const auto m = local.expand.m.topLeftCorner(
         kinematic_rows, static_cast<Eigen::Index>(v.layout->map.kinematic.size()));
     const int columns = static_cast<int>(m.cols()), ld = padded(columns) + kSlack;
-    RowMatrix kinematic(view.rows(), ld);
+    Eigen::Map<RowMatrix> kinematic(room(local.moved_rows, view.rows() * ld), view.rows(), ld);
     kernels().multiply(view.data(), 1, view.outerStride(), static_cast<int>(view.rows()),
                        kinematic_rows, m.data(), static_cast<int>(m.outerStride()), columns,
                        kinematic.data(), ld);
-    const VectorXd parts = m.cwiseAbs2().transpose() *
-                           view.leftCols(kinematic_rows).colwise().squaredNorm().transpose();
-    const VectorXd left = kinematic.leftCols(columns).colwise().squaredNorm();
-    for (int i = 0; i < columns; ++i)
-      if (left(i) <= kCancelled * parts(i)) kinematic.col(i).setZero();
+    double* const norms = room(local.part, kinematic_rows);
+    for (int k = 0; k < kinematic_rows; ++k) norms[k] = view.col(k).squaredNorm();
+    for (int i = 0; i < columns; ++i) {
+      double parts = 0;
+      for (int k = 0; k < kinematic_rows; ++k) parts += m(k, i) * m(k, i) * norms[k];
+      if (kinematic.col(i).squaredNorm() <= kCancelled * parts) kinematic.col(i).setZero();
+    }
     auto part = rows.middleRows(used, view.rows());
     for (size_t i = 0; i < v.layout->map.kinematic.size(); ++i)
       part.col(v.layout->map.kinematic[i]) += kinematic.col(i);
@@ -411,7 +453,6 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
     rows(used, static_cast<Eigen::Index>(6 * s.layout->targets.size() + i)) = w;
     rows(used, size) = w * state(errors + static_cast<int>(i));
   }
-  rows.conservativeResize(used, size + 1);
   return true;
 }
 

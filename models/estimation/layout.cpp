@@ -107,6 +107,7 @@ SampleLayout Layout::make_layout(const PlacedSample& placed, std::vector<int> pi
     v.sensor = &rig.sensors[v.sensor_index];
     v.target = &rig.targets[v.target_index];
     v.model = &model_of(*v.sensor);
+    v.noise = v.model->noise_parts();
     v.covariances = !p.view->covariance.empty();
     v.ids = p.view->ids;
     if (v.ids.empty() && !v.model->measures_pose())

@@ -60,6 +60,7 @@ struct ViewLayout {
   const Sensor* sensor = nullptr;
   const Target* target = nullptr;
   const SensorModel* model = nullptr;
+  std::vector<NoisePart> noise;  // the model's noise_parts()
   std::vector<int> ids;
   bool covariances = false;
   int path = 0;          // among the sample's

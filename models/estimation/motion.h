@@ -7,6 +7,7 @@
 // scratch.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "layout.h"
@@ -46,6 +47,9 @@ struct alignas(kCacheLine) Scratch {
   std::vector<double> slopes;  // roots of the loss's slopes, by row
   MatrixXd projected, rooted;  // mode marginal: noise' [L r], and that times the root
   MatrixXd own_noise;
+  // Of square roots, as large as they were needed so far:
+  AlignedNumbers part, view, moved_rows;         // [L r] of a part and of all of a view; L K
+  std::vector<std::pair<double, int>> by_share;  // rows of a triangle
   ExpandScratch expand;
   AlignedNumbers sums;  // SharedSums of Layout::sums, one behind the other
   std::vector<size_t> sums_start;

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "../../solver/decompositions.h"
+#include "../../solver/kernels.h"
 #include "state_bytes.h"
 
 namespace kincal {
@@ -26,26 +27,8 @@ double log_sum(double a, double b) {
   return std::isinf(b) ? a : a + std::log1p(std::exp(b - a));
 }
 
-/// Replaces the lower triangle of S by its Cholesky factor, in place. S is 1 and more.
-void factorise(Eigen::Ref<MatrixXd> s) {
-  const Index n = s.rows();
-  for (Index k = 0; k < n; ++k) {
-    const double pivot = std::sqrt(s(k, k));
-    s(k, k) = pivot;
-    const Index below = n - k - 1;
-    s.col(k).tail(below) /= pivot;
-    for (Index c = k + 1; c < n; ++c) s.col(c).tail(n - c) -= s(c, k) * s.col(k).tail(n - c);
-  }
-}
-
-/// Replaces each column of B by L^-1 B.
-void solve_lower(const Eigen::Ref<const MatrixXd>& l, Eigen::Ref<MatrixXd> b) {
-  const Index n = l.rows();
-  for (Index k = 0; k < n; ++k) {
-    b.row(k) /= l(k, k);
-    for (Index r = k + 1; r < n; ++r) b.row(r) -= l(r, k) * b.row(k);
-  }
-}
+/// Index of the first entry of row i of a lower triangle, row after row.
+int row_start(int i) { return i * (i + 1) / 2; }
 
 }  // namespace
 
@@ -73,41 +56,74 @@ DriftWatch::DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups,
     }
   }
   mean_ = VectorXd::Zero(n);
-  sum_ = MatrixXd::Zero(n, n);
+  sum_ = VectorXd::Zero(n * (n + 1) / 2);
   sum_pull_ = VectorXd::Zero(n);
-  j_.resize(most_rows, n);
-  y_.resize(most_rows);
-  through_.resize(most_rows, n);
-  narrow_.resize(n, n);
-  square_.resize(n, std::max<Index>(n, most_rows));
+  most_rows_ = most_rows;
+  const auto columns = static_cast<int>(n);
+  j_stride_ = padded(most_rows) + kSlack;
+  rows_stride_ = padded(2 * columns + 1) + kSlack;
+  const auto numbers = [](std::ptrdiff_t stride, int count) {
+    return AlignedNumbers(static_cast<size_t>(stride) * count + kSlack, 0.0);
+  };
+  j_ = numbers(j_stride_, columns + 1);
+  gram_ = numbers(padded(columns + 1), columns + 1);
+  rows_ = numbers(rows_stride_, most_rows);
+  seen_ = numbers(padded(columns) + kSlack, most_rows);
+  p_ = numbers(padded(columns) + kSlack, columns);
+  turned_ = numbers(padded(most_rows) + kSlack, columns);
+  s_ = numbers(padded(most_rows) + kSlack, most_rows);
   touched_.reserve(static_cast<size_t>(n));
+  touched_known_.reserve(static_cast<size_t>(n));
+  known_.reserve(static_cast<size_t>(n));
+  known_at_.resize(static_cast<size_t>(n));
   place_.assign(static_cast<size_t>(n), -1);
-  gain_.resize(n, most_rows);
-  s_.resize(most_rows, most_rows);
-  v_.resize(most_rows);
-  Start empty;
+  int widest = 0;
   for (const DriftGroup& g : groups_) {
-    const auto size = static_cast<Index>(g.columns.size());
-    empty.information.push_back(MatrixXd::Zero(size, size));
-    empty.pull.push_back(VectorXd::Zero(size));
+    const auto size = static_cast<int>(g.columns.size());
+    widest = std::max(widest, size);
+    scores_.push_back({numbers(kLanes, row_start(size) + size),
+                       VectorXd::Constant(kLanes, -std::numeric_limits<double>::infinity())});
   }
-  empty.mean = empty.before_pull = mean_;
-  empty.covariance = empty.before = sum_;
-  starts_.assign(kPerSpan * kSpans + 1, empty);
+  block_ = numbers(kLanes, row_start(widest) + 2 * widest);
+  Start empty;
+  empty.mean.resize(n);
+  empty.covariance.resize(n, n);
+  empty.before = sum_;
+  empty.before_pull = mean_;
+  starts_.assign(kStarts, empty);
+  for (int s = 0; s < kStarts; ++s) order_.push_back(s);
+  find_known();
+}
+
+/// Finds the columns that P leaves uncertain: all others stay as they are.
+void DriftWatch::find_known() {
+  known_.clear();
+  for (Index c = 0; c < covariance_.cols(); ++c) {
+    const bool known = (covariance_.col(c).array() != 0).any() || mean_(c) != 0;
+    known_at_[c] = known ? static_cast<int>(known_.size()) : -1;
+    if (known) known_.push_back(static_cast<int>(c));
+  }
 }
 
 /// Begins a start time, and merges old ones.
 void DriftWatch::begin(long sample) {
-  if (used_ == static_cast<int>(starts_.size())) --used_;  // the oldest drops out
-  std::rotate(starts_.begin(), starts_.begin() + used_, starts_.begin() + used_ + 1);
+  if (used_ == kStarts) --used_;  // the oldest drops out
+  std::rotate(order_.begin(), order_.begin() + used_, order_.begin() + used_ + 1);
   ++used_;
-  Start& now = starts_.front();
+  const int slot = order_[0];
+  Start& now = starts_[slot];
   now.first = sample;
   now.weight = 1;
-  for (MatrixXd& a : now.information) a.setZero();
-  for (VectorXd& b : now.pull) b.setZero();
-  now.mean = mean_;
-  now.covariance = covariance_;
+  for (GroupSums& sums : scores_) {
+    for (size_t i = static_cast<size_t>(slot); i + kSlack < sums.entries.size(); i += kLanes)
+      sums.entries[i] = 0;
+    sums.log_evidence(slot) = -std::numeric_limits<double>::infinity();
+  }
+  const auto n = static_cast<Index>(known_.size());
+  for (Index c = 0; c < n; ++c) {
+    now.mean(c) = mean_(known_[c]);
+    for (Index r = 0; r < n; ++r) now.covariance(r, c) = covariance_(known_[r], known_[c]);
+  }
   now.before = sum_;
   now.before_pull = sum_pull_;
   now.before_squares = sum_squares_;
@@ -117,14 +133,14 @@ void DriftWatch::begin(long sample) {
   // samples before it.
   for (int first = 0; first < used_;) {
     int last = first;
-    while (last < used_ && starts_[last].weight == starts_[first].weight) ++last;
+    while (last < used_ && start(last).weight == start(first).weight) ++last;
     if (last - first <= kPerSpan) {
       first = last;
       continue;
     }
-    starts_[last - 2].weight *= 2;
-    starts_[last - 2].sure = false;
-    std::rotate(starts_.begin() + last - 1, starts_.begin() + last, starts_.begin() + used_);
+    start(last - 2).weight *= 2;
+    start(last - 2).sure = false;
+    std::rotate(order_.begin() + last - 1, order_.begin() + last, order_.begin() + used_);
     --used_;
     first = last - 2;  // the merged one has joined the next weight
   }
@@ -132,125 +148,263 @@ void DriftWatch::begin(long sample) {
 
 double DriftWatch::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y,
                         long residuals) {
-  // Leaves the columns that are not 0 in touched_ and, one after the other, in j_; L of S in s_,
-  // L^-1 J in through_, L^-1 v in v_.
-  rows_ = j.rows();
-  residuals_ = residuals < 0 ? static_cast<long>(rows_) : residuals;
   touched_.clear();
   for (Index c = 0; c < j.cols(); ++c) {
     if ((j.col(c).array() == 0).all()) continue;
-    j_.col(static_cast<Index>(touched_.size())).head(rows_) = j.col(c);
+    std::copy_n(j.col(c).data(), j.rows(),
+                j_.begin() + static_cast<std::ptrdiff_t>(touched_.size()) * j_stride_);
     touched_.push_back(static_cast<int>(c));
   }
-  const Index m = rows_, n = static_cast<Index>(touched_.size());
-  const auto seen = j_.topLeftCorner(m, n);
-  for (Index c = 0; c < n; ++c) narrow_.col(c) = covariance_.col(touched_[c]);
-  auto gain = gain_.leftCols(m);
-  gain.noalias() = narrow_.leftCols(n) * seen.transpose();
-  for (Index c = 0; c < n; ++c) square_.row(c).head(m) = gain.row(touched_[c]);
-  auto s = s_.topLeftCorner(m, m);
-  s.noalias() = seen * square_.topLeftCorner(n, m);
-  s.diagonal().array() += 1;
-  factorise(s);
-  auto through = through_.topLeftCorner(m, n);
-  through = seen;
-  solve_lower(s, through);
-  y_.head(m) = y;
-  auto v = v_.head(m);
-  v = y;
-  for (Index c = 0; c < n; ++c) v -= mean_(touched_[c]) * seen.col(c);
-  solve_lower(s, v);
-  return v.squaredNorm();
+  return look_at(y, residuals);
 }
 
-double DriftWatch::log_factor(const Start& start, size_t group, int scale) const {
+double DriftWatch::look(const std::vector<int>& columns, const Eigen::Ref<const MatrixXd>& j,
+                        const Eigen::Ref<const VectorXd>& y, long residuals) {
+  touched_.assign(columns.begin(), columns.end());
+  for (Index c = 0; c < j.cols(); ++c)
+    std::copy_n(j.col(c).data(), j.rows(), j_.begin() + c * j_stride_);
+  return look_at(y, residuals);
+}
+
+/// With J of touched_ in j_: leaves [L^-1 J, L^-1 v, L^-1 J P] in rows_, L of S in s_.
+double DriftWatch::look_at(const Eigen::Ref<const VectorXd>& y, long residuals) {
+  const auto m = static_cast<int>(y.size()), t = static_cast<int>(touched_.size()),
+             known = static_cast<int>(known_.size());
+  count_ = m;
+  residuals_ = residuals < 0 ? static_cast<long>(m) : residuals;
+  const auto column = [&](int c) { return j_.data() + c * j_stride_; };
+  std::copy_n(y.data(), m, column(t));
+  for (int c = 0; c <= t; ++c) std::fill(column(c) + m, column(c) + padded(m), 0.0);
+  for (int i = 0; i < m; ++i)
+    for (int c = 0; c <= t; ++c) rows_[i * rows_stride_ + c] = j_[c * j_stride_ + i];
+  touched_known_.clear();
+  const int seen_stride = padded(known) + kSlack, s_stride = padded(m) + kSlack;
+  for (int c = 0; c < t; ++c) {
+    const int at = known_at_[touched_[c]];
+    if (at < 0) continue;
+    const int r = static_cast<int>(touched_known_.size());
+    touched_known_.push_back(at);
+    const double mean = mean_(touched_[c]);
+    for (int i = 0; i < m; ++i) {
+      const double x = column(c)[i];
+      seen_[i * seen_stride + r] = x;
+      rows_[i * rows_stride_ + t] -= mean * x;
+    }
+    for (int k = 0; k < known; ++k) p_[r * seen_stride + k] = covariance_(known_[k], touched_[c]);
+  }
+  const int seen = static_cast<int>(touched_known_.size());
+  double* const gain = rows_.data() + t + 1;
+  kernels().multiply(seen_.data(), seen_stride, 1, m, seen, p_.data(), seen_stride, known, gain,
+                     static_cast<int>(rows_stride_));
+  for (int r = 0; r < seen; ++r)
+    for (int i = 0; i < m; ++i)
+      turned_[r * s_stride + i] = gain[i * rows_stride_ + touched_known_[r]];
+  kernels().multiply(seen_.data(), seen_stride, 1, m, seen, turned_.data(), s_stride, m, s_.data(),
+                     s_stride);
+  for (int i = 0; i < m; ++i) s_[i * s_stride + i] += 1;
+  kernels().cholesky(s_.data(), m, s_stride);
+  kernels().solve_rows(s_.data(), m, s_stride, rows_.data(), t + 1 + known, rows_stride_);
+  double out = 0;
+  for (int i = 0; i < m; ++i) {
+    const double v = rows_[i * rows_stride_ + t];
+    out += v * v;
+  }
+  return out;
+}
+
+double DriftWatch::log_factor(int slot, size_t group, int scale) const {
   const VectorXd& width = groups_[group].width;
-  const Index n = width.size();
+  const double* const entries = scores_[group].entries.data() + slot;
+  const auto n = static_cast<int>(width.size());
   Block a(n, n);
   Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kWidestGroup, 1> b(n);
-  for (Index i = 0; i < n; ++i) {
+  for (int i = 0; i < n; ++i) {
     const double wi = kScales[scale] * width(i);
-    b(i) = wi * start.pull[group](i);
-    for (Index k = 0; k < n; ++k)
-      a(i, k) = wi * kScales[scale] * width(k) * start.information[group](i, k);
+    b(i) = wi * entries[(row_start(n) + i) * kLanes];
+    for (int k = 0; k <= i; ++k)
+      a(i, k) = wi * kScales[scale] * width(k) * entries[(row_start(i) + k) * kLanes];
     a(i, i) += 1;
   }
   double log_determinant = 0;
-  for (Index k = 0; k < n; ++k) {  // Cholesky's factor, and L^-1 b
-    for (Index c = 0; c < k; ++c) a(k, k) -= a(k, c) * a(k, c);
+  for (int k = 0; k < n; ++k) {  // Cholesky's factor, and L^-1 b
+    for (int c = 0; c < k; ++c) a(k, k) -= a(k, c) * a(k, c);
     a(k, k) = std::sqrt(a(k, k));
     log_determinant += 2 * std::log(a(k, k));
-    for (Index c = 0; c < k; ++c) b(k) -= a(k, c) * b(c);
+    for (int c = 0; c < k; ++c) b(k) -= a(k, c) * b(c);
     b(k) /= a(k, k);
-    for (Index r = k + 1; r < n; ++r) {
-      for (Index c = 0; c < k; ++c) a(r, k) -= a(r, c) * a(k, c);
+    for (int r = k + 1; r < n; ++r) {
+      for (int c = 0; c < k; ++c) a(r, k) -= a(r, c) * a(k, c);
       a(r, k) /= a(k, k);
     }
   }
   return 0.5 * (b.squaredNorm() - log_determinant);
 }
 
+/// Adds the sample to A and b of a group, for each start.
+void DriftWatch::add_scores(size_t group) {
+  const std::vector<int>& columns = groups_[group].columns;
+  double* const entries = scores_[group].entries.data();
+  const auto size = static_cast<int>(columns.size()), right = static_cast<int>(touched_.size());
+  const auto add = [&](int entry, double value) {
+    double* const to = entries + entry * kLanes;
+    for (int s = 0; s < kLanes; ++s) to[s] += value;
+  };
+  const auto product = [&](int a, int b) {
+    double sum = 0;
+    for (int i = 0; i < count_; ++i)
+      sum += rows_[i * rows_stride_ + a] * rows_[i * rows_stride_ + b];
+    return sum;
+  };
+  for (int i = 0; i < size; ++i) {
+    const int at = place_[columns[i]];
+    if (at < 0) continue;
+    add(row_start(size) + i, product(at, right));
+    for (int k = 0; k <= i; ++k)
+      if (place_[columns[k]] >= 0) add(row_start(i) + k, product(at, place_[columns[k]]));
+  }
+}
+
+/// Finds which B of a group exceed 99. 1/2 b'(A + W^-2)^-1 b is at least log B for every scale: it
+/// is computed for all starts side by side, and the rest where it suffices.
+void DriftWatch::weigh(size_t group) {
+  const VectorXd& width = groups_[group].width;
+  GroupSums& sums = scores_[group];
+  const auto n = static_cast<int>(width.size());
+  const auto row = [&](double* from, int entry) { return from + entry * kLanes; };
+  double* const a = block_.data();              // L, with 1 / its diagonal
+  double* const b = a + row_start(n) * kLanes;  // L^-1 b
+  double bound[kLanes] = {};
+  for (int i = 0; i < n; ++i) {
+    for (int k = 0; k <= i; ++k) {
+      const double scale = width(i) * width(k), one = i == k ? 1 : 0;
+      double* const to = row(a, row_start(i) + k);
+      const double* const from = row(sums.entries.data(), row_start(i) + k);
+      for (int s = 0; s < kLanes; ++s) to[s] = one + scale * from[s];
+      for (int c = 0; c < k; ++c) {
+        const double* const x = row(a, row_start(i) + c);
+        const double* const y = row(a, row_start(k) + c);
+        for (int s = 0; s < kLanes; ++s) to[s] -= x[s] * y[s];
+      }
+      const double* const pivot = row(a, row_start(k) + k);
+      if (k < i)
+        for (int s = 0; s < kLanes; ++s) to[s] *= pivot[s];
+      else
+        for (int s = 0; s < kLanes; ++s) to[s] = 1 / std::sqrt(to[s]);
+    }
+    double* const to = row(b, i);
+    const double* const from = row(sums.entries.data(), row_start(n) + i);
+    for (int s = 0; s < kLanes; ++s) to[s] = width(i) * from[s];
+    for (int c = 0; c < i; ++c) {
+      const double* const x = row(a, row_start(i) + c);
+      const double* const y = row(b, c);
+      for (int s = 0; s < kLanes; ++s) to[s] -= x[s] * y[s];
+    }
+    const double* const pivot = row(a, row_start(i) + i);
+    for (int s = 0; s < kLanes; ++s) {
+      to[s] *= pivot[s];
+      bound[s] += to[s] * to[s];
+    }
+  }
+  for (int s = 0; s < kStarts; ++s) {
+    double& log_sum_of = sums.log_evidence(s);
+    log_sum_of = -std::numeric_limits<double>::infinity();
+    if (!(0.5 * bound[s] > kLogEvidence)) continue;
+    for (int scale = 0; scale < kScaleCount; ++scale) {
+      const double log = log_factor(s, group, scale);
+      if (log > kLogEvidence) log_sum_of = log_sum(log_sum_of, log);
+    }
+  }
+}
+
 void DriftWatch::take(bool learn, long sample) {
-  const Index m = rows_, n = static_cast<Index>(touched_.size());
   if (alarm_) learn = false;
   // Of samples in a row that are not learnt from the first begins a start: it happened then.
   if (used_ == 0 || (!alarm_ && (learn || !streak_))) {
     begin(sample);
-    starts_.front().sure = !learn;
+    start(0).sure = !learn;
   }
   streak_ = !learn;
   latest_ = sample;
-  const auto j = j_.topLeftCorner(m, n), through = through_.topLeftCorner(m, n);
-  const auto v = v_.head(m);
-  for (Index c = 0; c < n; ++c) place_[touched_[c]] = static_cast<int>(c);
-  log_statistic_ = -std::numeric_limits<double>::infinity();
-  const double log_share = -std::log(static_cast<double>(groups_.size() * kScaleCount));
+  for (size_t c = 0; c < touched_.size(); ++c) place_[touched_[c]] = static_cast<int>(c);
   for (size_t g = 0; g < groups_.size(); ++g) {
     const std::vector<int>& columns = groups_[g].columns;
-    for (size_t i = 0; i < columns.size(); ++i) {
-      const int at = place_[columns[i]];
-      if (at < 0) continue;
-      const auto row = static_cast<Index>(i);
-      const double pull = through.col(at).dot(v);
-      for (int s = 0; s < used_; ++s) starts_[s].pull[g](row) += pull;
-      for (size_t k = 0; k <= i; ++k) {
-        const int other = place_[columns[k]];
-        if (other < 0) continue;
-        const double a = through.col(at).dot(through.col(other));
-        const auto column = static_cast<Index>(k);
-        for (int s = 0; s < used_; ++s) {
-          starts_[s].information[g](row, column) += a;
-          if (i != k) starts_[s].information[g](column, row) += a;
-        }
-      }
-    }
-    for (int s = 0; s < used_; ++s)
-      for (int scale = 0; scale < kScaleCount; ++scale) {
-        const double log = log_factor(starts_[s], g, scale);
-        if (log > kLogEvidence)
-          log_statistic_ = log_sum(log_statistic_, std::log(starts_[s].weight) + log_share + log);
-      }
+    if (std::all_of(columns.begin(), columns.end(), [&](int c) { return place_[c] < 0; })) continue;
+    add_scores(g);
+    weigh(g);
+  }
+  for (const int c : touched_) place_[c] = -1;
+  constexpr double kNone = -std::numeric_limits<double>::infinity();
+  log_statistic_ = kNone;
+  const double log_share = -std::log(static_cast<double>(groups_.size() * kScaleCount));
+  for (int s = 0; s < used_; ++s) {
+    double all = kNone;
+    for (const GroupSums& sums : scores_)
+      if (sums.log_evidence(order_[s]) > kNone) all = log_sum(all, sums.log_evidence(order_[s]));
+    if (all > kNone)
+      log_statistic_ = log_sum(log_statistic_, std::log(start(s).weight) + log_share + all);
   }
   alarm_ = alarm_ || log_statistic_ >= log_limit_;
-  sum_squares_ += y_.head(m).squaredNorm();
+  add_sums();
+  if (learn) this->learn();
+}
+
+void DriftWatch::add_sums() {
+  const auto t = static_cast<int>(touched_.size());
+  const int stride = padded(t + 1);
+  kernels().gram(j_.data(), padded(count_), j_stride_, t + 1, gram_.data(), stride);
+  const Index n = covariance_.cols();
+  for (int c = 0; c < t; ++c) {
+    const double* const of = gram_.data() + c * stride;
+    const Index at = touched_[c];
+    double* const to = sum_.data() + at * (2 * n - at - 1) / 2;
+    for (int r = c; r < t; ++r) to[touched_[r]] += of[r];
+    sum_pull_(at) += of[t];
+  }
+  sum_squares_ += gram_[static_cast<size_t>(t) * stride + t];
   sum_residuals_ += residuals_;
-  auto square = square_.topLeftCorner(n, n);
-  square.noalias() = j.transpose() * j;
-  for (Index c = 0; c < n; ++c) {
-    sum_pull_(touched_[c]) += j.col(c).dot(y_.head(m));
-    for (Index r = 0; r < n; ++r) sum_(touched_[r], touched_[c]) += square(r, c);
-    place_[touched_[c]] = -1;
+}
+
+/// Kalman's update: with G = L^-1 J P, mean += G' v and P -= G' G.
+void DriftWatch::learn() {
+  const auto t = static_cast<int>(touched_.size()), known = static_cast<int>(known_.size());
+  const double* const gain = rows_.data() + t + 1;
+  const int stride = padded(known) + kSlack;
+  std::fill_n(p_.begin(), static_cast<std::ptrdiff_t>(stride) * known, 0.0);
+  for (int i = 0; i < count_; ++i) {
+    const double v = rows_[i * rows_stride_ + t];
+    for (int k = 0; k < known; ++k) mean_(known_[k]) += v * gain[i * rows_stride_ + k];
   }
-  if (learn) {
-    auto gain = gain_.leftCols(m);  // P J', then P J' L^-T
-    const auto s = s_.topLeftCorner(m, m);
-    for (Index k = 0; k < m; ++k) {
-      gain.col(k) /= s(k, k);
-      for (Index r = k + 1; r < m; ++r) gain.col(r) -= s(r, k) * gain.col(k);
+  kernels().subtract_product(p_.data(), known, stride, gain, count_, rows_stride_);
+  for (int c = 0; c < known; ++c)
+    for (int r = c; r < known; ++r) {
+      const double x = covariance_(known_[r], known_[c]) + p_[c * stride + r];
+      covariance_(known_[r], known_[c]) = covariance_(known_[c], known_[r]) = x;
     }
-    mean_.noalias() += gain * v;
-    covariance_.noalias() -= gain * gain.transpose();
-  }
+}
+
+/// Returns a matrix of known columns with all columns, 0 where there is none.
+MatrixXd DriftWatch::whole(const MatrixXd& of_known) const {
+  MatrixXd out = MatrixXd::Zero(covariance_.rows(), covariance_.cols());
+  for (size_t c = 0; c < known_.size(); ++c)
+    for (size_t r = 0; r < known_.size(); ++r)
+      out(known_[r], known_[c]) = of_known(static_cast<Index>(r), static_cast<Index>(c));
+  return out;
+}
+
+VectorXd DriftWatch::whole(const VectorXd& of_known) const {
+  VectorXd out = VectorXd::Zero(mean_.size());
+  for (size_t c = 0; c < known_.size(); ++c) out(known_[c]) = of_known(static_cast<Index>(c));
+  return out;
+}
+
+/// Returns the matrix of a lower triangle, column after column.
+MatrixXd DriftWatch::unpacked(const VectorXd& sum) const {
+  const Index n = covariance_.cols();
+  MatrixXd out(n, n);
+  Index at = 0;
+  for (Index c = 0; c < n; ++c)
+    for (Index r = c; r < n; ++r, ++at) out(r, c) = out(c, r) = sum(at);
+  return out;
 }
 
 namespace {
@@ -293,21 +447,24 @@ WholeModel whole_model(const MatrixXd& p, const MatrixXd& n, const VectorXd& b,
 
 /// Returns how a group moved if it did so at a start: by the whole model, with the scale that the
 /// innovations prefer. `log` becomes the log evidence against nothing, times the start's weight.
-Moved DriftWatch::moved_since(const Start& start, size_t group, double& log) const {
-  double best = log_factor(start, group, 0), scale = kScales[0];
+Moved DriftWatch::moved_since(int place, size_t group, double& log) const {
+  const Start& start = this->start(place);
+  const int slot = order_[place];
+  double best = log_factor(slot, group, 0), scale = kScales[0];
   for (int k = 1; k < kScaleCount; ++k) {
-    const double other = log_factor(start, group, k);
+    const double other = log_factor(slot, group, k);
     if (other <= best) continue;
     best = other;
     scale = kScales[k];
   }
-  const MatrixXd n = sum_ - start.before;
-  const VectorXd pull = sum_pull_ - start.before_pull, b = pull - n * start.mean;
+  const MatrixXd n = unpacked(sum_ - start.before), known = whole(start.covariance);
+  const VectorXd mean = whole(start.mean);
+  const VectorXd pull = sum_pull_ - start.before_pull, b = pull - n * mean;
   const WholeModel found =
-      whole_model(start.covariance, n, b, groups_[group].columns, scale * groups_[group].width);
+      whole_model(known, n, b, groups_[group].columns, scale * groups_[group].width);
   log = std::log(start.weight) + found.log_evidence -
-        whole_model(start.covariance, n, b, {}, VectorXd()).log_evidence;
-  const VectorXd d = start.mean + found.mean;
+        whole_model(known, n, b, {}, VectorXd()).log_evidence;
+  const VectorXd d = mean + found.mean;
   Moved out;
   out.group = static_cast<int>(group);
   out.since = start.first;
@@ -315,9 +472,8 @@ Moved DriftWatch::moved_since(const Start& start, size_t group, double& log) con
   out.sigma = found.sigma;
   // It may have been any sample since the start before: those between would be taken for the other
   // side.
-  const Start* const earlier = &start + 1;
-  if (!start.sure && earlier < starts_.data() + used_) {
-    const auto gap = static_cast<double>(start.first - earlier->first);
+  if (!start.sure && place + 1 < used_) {
+    const auto gap = static_cast<double>(start.first - this->start(place + 1).first);
     const double share = gap / (gap + static_cast<double>(latest_ - start.first + 1));
     out.sigma = (out.sigma.cwiseAbs2() + share * share / 3 * out.change.cwiseAbs2()).cwiseSqrt();
   }
@@ -334,13 +490,13 @@ std::vector<Moved> DriftWatch::moved() const {
   double total = kNone;
   for (size_t g = 0; g < groups_.size(); ++g) {
     // Starts by the innovations, the likeliest first; the whole model is asked about these.
-    std::vector<std::pair<double, const Start*>> starts;
+    std::vector<std::pair<double, int>> starts;
     double sum = kNone;
     for (int s = 0; s < used_; ++s) {
       double log = kNone;
       for (int k = 0; k < kScaleCount; ++k)
-        log = log_sum(log, std::log(starts_[s].weight) + log_factor(starts_[s], g, k));
-      starts.push_back({log, &starts_[s]});
+        log = log_sum(log, std::log(start(s).weight) + log_factor(order_[s], g, k));
+      starts.push_back({log, s});
       sum = log_sum(sum, log);
     }
     std::stable_sort(starts.begin(), starts.end(),
@@ -351,7 +507,7 @@ std::vector<Moved> DriftWatch::moved() const {
     for (size_t s = 0; s < starts.size() && s < kAskedStarts; ++s) {
       if (starts[s].first < starts[0].first - kUnlikely) break;
       double log = 0;
-      const Moved one = moved_since(*starts[s].second, g, log);
+      const Moved one = moved_since(starts[s].second, g, log);
       const VectorXd spread = one.sigma.cwiseAbs2() + one.change.cwiseAbs2();
       whole = log_sum(whole, log);
       const double share = std::exp(log - whole);
@@ -378,14 +534,17 @@ void DriftWatch::restart(const std::vector<Moved>& found) {
   if (!found.empty()) {
     const Moved& moved = found.front();
     for (int s = 0; s < used_; ++s) {
-      const Start& start = starts_[s];
-      if (start.first != moved.since) continue;
-      const MatrixXd n = sum_ - start.before;
-      const VectorXd b = sum_pull_ - start.before_pull - n * start.mean;
-      const WholeModel now = whole_model(start.covariance, n, b, groups_[moved.group].columns,
+      const Start& from = start(s);
+      if (from.first != moved.since) continue;
+      const MatrixXd n = unpacked(sum_ - from.before);
+      const VectorXd mean = whole(from.mean);
+      const VectorXd b = sum_pull_ - from.before_pull - n * mean;
+      const WholeModel now = whole_model(whole(from.covariance), n, b, groups_[moved.group].columns,
                                          groups_[moved.group].width);
-      mean_ = start.mean + now.mean;
+      mean_ = mean + now.mean;
       covariance_ = 0.5 * (now.covariance + now.covariance.transpose());
+      find_known();
+      break;
     }
   }
   used_ = 0;
@@ -400,26 +559,64 @@ void DriftWatch::transfer(StateBytes& bytes) {
   bytes.value(log_statistic_);
   bytes.coefficients(mean_);
   bytes.coefficients(covariance_);
-  bytes.coefficients(sum_);
+  if (!bytes.writes()) find_known();
+  transfer_triangle(bytes, sum_);
   bytes.coefficients(sum_pull_);
   bytes.value(sum_squares_);
   bytes.value(sum_residuals_);
   bytes.value(used_);
-  if (used_ < 0 || used_ > static_cast<int>(starts_.size()))
-    throw std::invalid_argument("state: it is damaged");
+  if (used_ < 0 || used_ > kStarts) throw std::invalid_argument("state: it is damaged");
   for (int s = 0; s < used_; ++s) {
-    Start& start = starts_[s];
-    bytes.value(start.first);
-    bytes.value(start.weight);
-    bytes.value(start.sure);
-    for (MatrixXd& a : start.information) bytes.coefficients(a);
-    for (VectorXd& b : start.pull) bytes.coefficients(b);
-    bytes.coefficients(start.mean);
-    bytes.coefficients(start.covariance);
-    bytes.coefficients(start.before);
-    bytes.coefficients(start.before_pull);
-    bytes.value(start.before_squares);
-    bytes.value(start.before_residuals);
+    Start& of = start(s);
+    bytes.value(of.first);
+    bytes.value(of.weight);
+    bytes.value(of.sure);
+    transfer_scores(bytes, order_[s]);
+    transfer_known(bytes, of);
+    transfer_triangle(bytes, of.before);
+    bytes.coefficients(of.before_pull);
+    bytes.value(of.before_squares);
+    bytes.value(of.before_residuals);
+  }
+  if (!bytes.writes())
+    for (size_t g = 0; g < groups_.size(); ++g) weigh(g);
+}
+
+void DriftWatch::transfer_triangle(StateBytes& bytes, VectorXd& sum) const {
+  MatrixXd all = unpacked(sum);
+  bytes.coefficients(all);
+  Index at = 0;
+  for (Index c = 0; c < all.cols(); ++c)
+    for (Index r = c; r < all.rows(); ++r, ++at) sum(at) = all(r, c);
+}
+
+/// A of all groups, then b.
+void DriftWatch::transfer_scores(StateBytes& bytes, int slot) {
+  const auto size = [&](size_t g) { return static_cast<int>(groups_[g].columns.size()); };
+  const auto entry = [&](size_t g, int i) -> double& {
+    return scores_[g].entries[static_cast<size_t>(i) * kLanes + static_cast<size_t>(slot)];
+  };
+  for (size_t g = 0; g < groups_.size(); ++g) {
+    MatrixXd a(size(g), size(g));
+    for (int i = 0; i < size(g); ++i)
+      for (int k = 0; k <= i; ++k) a(i, k) = a(k, i) = entry(g, row_start(i) + k);
+    bytes.coefficients(a);
+    for (int i = 0; i < size(g); ++i)
+      for (int k = 0; k <= i; ++k) entry(g, row_start(i) + k) = a(i, k);
+  }
+  for (size_t g = 0; g < groups_.size(); ++g)
+    for (int i = 0; i < size(g); ++i) bytes.value(entry(g, row_start(size(g)) + i));
+}
+
+void DriftWatch::transfer_known(StateBytes& bytes, Start& of) const {
+  VectorXd mean = whole(of.mean);
+  MatrixXd known = whole(of.covariance);
+  bytes.coefficients(mean);
+  bytes.coefficients(known);
+  for (size_t c = 0; c < known_.size(); ++c) {
+    of.mean(static_cast<Index>(c)) = mean(known_[c]);
+    for (size_t r = 0; r < known_.size(); ++r)
+      of.covariance(static_cast<Index>(r), static_cast<Index>(c)) = known(known_[r], known_[c]);
   }
 }
 

@@ -32,6 +32,8 @@
 #include <utility>
 #include <vector>
 
+#include "../../solver/aligned.h"
+
 namespace kincal {
 
 class StateBytes;
@@ -83,6 +85,9 @@ class DriftWatch {
   /// number of rows). Returns v'S^-1 v. Allocates nothing.
   double look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<const VectorXd>& y,
               long residuals = -1);
+  /// The same of some columns, ascending; all others are 0. `j` is rows x columns.size().
+  double look(const std::vector<int>& columns, const Eigen::Ref<const MatrixXd>& j,
+              const Eigen::Ref<const VectorXd>& y, long residuals);
   /// Adds the equations last passed to look(). With `learn` they update the filter and the test,
   /// otherwise only the test (samples that fit badly must not corrupt the estimate). During an
   /// alarm the filter is not updated and no start is added, because the change would corrupt both.
@@ -110,25 +115,43 @@ class DriftWatch {
   void transfer(StateBytes& bytes);
 
  private:
-  static constexpr int kPerSpan = 2, kSpans = 14;
+  static constexpr int kPerSpan = 2, kSpans = 14, kStarts = kPerSpan * kSpans + 1;
+  static constexpr int kLanes = 32;  // starts side by side in memory; the last ones stay 0
 
-  /// A Start is a sample from which something may have moved.
+  /// A Start is a sample from which something may have moved. Matrices of known columns.
   struct Start {
     long first = 0;
-    double weight = 0;                  // number of start times that it represents
-    bool sure = false;                  // it was exactly this sample
-    std::vector<MatrixXd> information;  // A, by group
-    std::vector<VectorXd> pull;         // b
-    VectorXd mean;                      // of the filter before it
+    double weight = 0;  // number of start times that it represents
+    bool sure = false;  // it was exactly this sample
+    VectorXd mean;      // of the filter before it
     MatrixXd covariance;
-    MatrixXd before;  // sums of J'J and J'y before it
-    VectorXd before_pull;
-    double before_squares = 0;  // sum of y'y, and of how many residuals
+    VectorXd before, before_pull;  // sums of J'J (as sum_) and J'y before it
+    double before_squares = 0;     // sum of y'y, and of how many residuals
     long before_residuals = 0;
   };
+  /// A GroupSums has A and b of a group by start: for each entry of A's lower triangle, row after
+  /// row, and then of b, kLanes numbers, one a start; and log of the sum of B above 99.
+  struct GroupSums {
+    AlignedNumbers entries;
+    VectorXd log_evidence;
+  };
+  double look_at(const Eigen::Ref<const VectorXd>& y, long residuals);
   void begin(long sample);
-  Moved moved_since(const Start& start, size_t group, double& log) const;
-  double log_factor(const Start& start, size_t group, int scale) const;
+  void find_known();
+  void add_scores(size_t group);
+  void weigh(size_t group);
+  void add_sums();
+  void learn();
+  Moved moved_since(int place, size_t group, double& log) const;
+  double log_factor(int slot, size_t group, int scale) const;
+  MatrixXd whole(const MatrixXd& of_known) const;
+  VectorXd whole(const VectorXd& of_known) const;
+  MatrixXd unpacked(const VectorXd& sum) const;
+  void transfer_scores(StateBytes& bytes, int slot);
+  void transfer_triangle(StateBytes& bytes, VectorXd& sum) const;
+  void transfer_known(StateBytes& bytes, Start& of) const;
+  const Start& start(int place) const { return starts_[order_[place]]; }
+  Start& start(int place) { return starts_[order_[place]]; }
 
   std::vector<DriftGroup> groups_;
   double log_limit_;
@@ -137,17 +160,25 @@ class DriftWatch {
   double log_statistic_;
   VectorXd mean_;
   MatrixXd covariance_;
-  MatrixXd sum_;  // of J'J
+  VectorXd sum_;  // of J'J: the lower triangle, column after column
   VectorXd sum_pull_;
   double sum_squares_ = 0;
   long sum_residuals_ = 0;
-  std::vector<Start> starts_;  // the used ones first, the latest start first
+  std::vector<Start> starts_;
+  std::vector<int> order_;  // which of starts_: the used ones first, the latest start first
   int used_ = 0;
+  std::vector<GroupSums> scores_;
+  std::vector<int> known_;     // columns with a variance that is not 0
+  std::vector<int> known_at_;  // by column: place in known_, or -1
   // Scratch
-  std::vector<int> touched_, place_;
-  MatrixXd j_, through_, s_, gain_, narrow_, square_;
-  VectorXd y_, v_;
-  Eigen::Index rows_ = 0;
+  std::vector<int> touched_, place_, touched_known_;
+  AlignedNumbers j_, gram_;    // [J y], column after column; the products of these columns
+  AlignedNumbers rows_;        // [J v J P], row after row
+  AlignedNumbers seen_, p_;    // of known columns: J row after row; rows of P
+  AlignedNumbers turned_, s_;  // (J P)'; S
+  AlignedNumbers block_;       // of a group
+  std::ptrdiff_t j_stride_, rows_stride_;
+  int most_rows_, count_ = 0;  // count: rows of the sample
   long residuals_ = 0;
 };
 

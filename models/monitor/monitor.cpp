@@ -7,13 +7,14 @@
 #include <utility>
 
 #include "../../solver/decompositions.h"
-#include "../estimation/estimation.h"
-#include "../fitting/fit.h"
+#include "../../solver/kernels.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
 #include "../rig/selection.h"
+#include "innovation.h"
 #include "moving_groups.h"
+#include "sample_form.h"
 #include "state_bytes.h"
 
 namespace kincal {
@@ -23,10 +24,8 @@ using Eigen::Index;
 
 constexpr double kLeastVariance = 1e-3;  // over the stated one: data without noise prove nothing
 constexpr double kRounding = 1e-10;      // of derivatives, over the largest
-// Of the inverse variance of an innovation, over that of the noise. What is expected to 30 sigmas
-// or worse tells nothing of how a sensor fits.
-constexpr double kUnexpected = 1e-3;
 
+constexpr size_t kForms = 32;  // of samples, kept
 // Of a width: what a window leaves as uncertain as that it does not determine.
 constexpr double kUndetermined = 0.5;
 
@@ -34,32 +33,8 @@ constexpr double kUndetermined = 0.5;
 /// a joint.
 using NoiseOf = std::pair<int, int>;
 
-/// Part of a sample's equations: rows of a sensor (or -1, priors of joint errors), over the private
-/// unknowns, all columns, and the residual.
-struct Equations {
-  MatrixXd rows;              // [J_private J r]
-  std::vector<NoiseOf> kind;  // by row
-  int private_size = 0;
-  std::map<NoiseOf, std::pair<double, double>> rest;  // chi2 and dof of the noise alone
-};
-
-/// Returns the rows without private unknowns, [J r]: Q' of those that these leave free.
-MatrixXd without_privates(const MatrixXd& rows, int private_size) {
-  if (private_size == 0) return rows;
-  const Elimination privates(rows.leftCols(private_size));
-  MatrixXd rest = rows.rightCols(rows.cols() - private_size);
-  privates.rotate(rest);
-  return rest.bottomRows(rows.rows() - privates.rank());
-}
-
-/// Returns the rows of an upper triangle with the same products, where there are more rows than
-/// that: the last one then is what no column changes.
-MatrixXd compressed(const MatrixXd& rows) {
-  if (rows.rows() <= rows.cols()) return rows;
-  return triangle_of(rows);
-}
-
-void check(const Rig& rig, const Sample& sample) {
+/// `needed`: of needed_by_views().
+void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sample& sample) {
   const auto fail = [](const std::string& what) { throw std::invalid_argument(what); };
   if (sample.readings.size() != rig.tree.joints.size())
     fail("readings: one for every joint of the rig is expected (NaN: not in the sample)");
@@ -76,7 +51,6 @@ void check(const Rig& rig, const Sample& sample) {
       if (id < 0 || id >= rig.targets[view.target].count())
         fail(where + "ids: the target has no such point");
     const Sensor& sensor = rig.sensors[view.sensor];
-    const Target& target = rig.targets[view.target];
     const auto points = static_cast<int>(view.ids.size());
     const size_t expected = static_cast<size_t>(sensor.model->blocks(points)) *
                             static_cast<size_t>(sensor.model->measurement_size());
@@ -88,15 +62,29 @@ void check(const Rig& rig, const Sample& sample) {
       fail(where + "sigma: " + std::to_string(sensor.model->sigmas()) + " numbers are expected");
     for (const double sigma : view.sigma)
       if (!(sigma > 0) || !std::isfinite(sigma)) fail(where + "sigma: it is positive");
-    const int behind = target.link < 0 ? rig.base : target.link;
-    for (const PathStep& step : find_path(rig.tree, sensor.link, behind)) {
-      const int joint = driver(rig.tree, step.joint).joint;
-      if (rig.tree.joints[joint].drives() && joint != sensor.scanning_joint &&
-          !std::isfinite(sample.readings[joint]))
+    const size_t pair =
+        static_cast<size_t>(view.sensor) * rig.targets.size() + static_cast<size_t>(view.target);
+    for (const int joint : needed[pair])
+      if (!std::isfinite(sample.readings[joint]))
         fail("readings: '" + rig.tree.joints[joint].name + "' has none, which " + sensor.name +
              "'s view needs");
-    }
   }
+}
+
+/// Returns the joints that a view needs readings of, by sensor and target.
+std::vector<std::vector<int>> needed_by_views(const Rig& rig) {
+  std::vector<std::vector<int>> out;
+  for (const Sensor& sensor : rig.sensors)
+    for (const Target& target : rig.targets) {
+      out.emplace_back();
+      for (const PathStep& step :
+           find_path(rig.tree, sensor.link, target.link < 0 ? rig.base : target.link)) {
+        const int joint = driver(rig.tree, step.joint).joint;
+        if (rig.tree.joints[joint].drives() && joint != sensor.scanning_joint)
+          out.back().push_back(joint);
+      }
+    }
+  return out;
 }
 
 /// Returns the hash of what a monitor is made of. Numbers count in single precision: another
@@ -133,37 +121,65 @@ struct Monitor::Parts {
 
   /// Pending are the equations of an outlier, which count if the next sample is one, too.
   struct Pending {
-    MatrixXd rows;
+    bool waits = false;
+    std::vector<int> columns;
+    MatrixXd rows;  // in the top left corner
     VectorXd right;
-    long sample, residuals;
+    int count = 0;  // rows
+    long sample = 0, residuals = 0;
   };
 
-  Recording base;  // without samples
+  /// Forms are those of the samples so far. A copy has none.
+  struct Forms {
+    std::vector<std::unique_ptr<SampleForm>> all;
+    size_t next = 0;  // to be replaced
+
+    Forms() = default;
+    Forms(const Forms&) {}
+  };
+
+  Recording base;                        // without samples
+  std::vector<std::vector<int>> needed;  // joints, by sensor and target
   VectorXd values;
   EstimationSetup setup;
   std::vector<Component> columns;
   MatrixXd known;       // covariance of the columns after the calibration
   std::uint64_t owner;  // hash of the calibration and the options
   std::optional<DriftWatch> test;
-  std::map<NoiseOf, NoiseFactor> noise;  // of the noise alone
+  std::vector<NoiseOf> kinds;      // ascending: joints, then parts of the sensors
+  std::vector<int> first_kind;     // by sensor; then the number of kinds
+  std::vector<NoiseFactor> noise;  // by kind, of the noise alone
+  std::vector<double> variance;    // by kind: of the noise
   long samples = 0, outliers = 0;
-  std::optional<Pending> pending;
+  Pending pending;
   bool drifting = false;  // the sample before was one
+  Equations at_hand;
+  Innovations innovations;
+  Forms forms;
 
   explicit Parts(CalibratedState state, const MonitorOptions& options);
   void transfer(StateBytes& bytes);
-  bool equations(const Sample& sample, Equations& out, std::string& why) const;
-  MatrixXd scaled(const Equations& of) const;
-  /// What a sample says of each sensor and each kind of noise.
-  struct Expected {
-    std::vector<SensorInnovation> sensors;
-    std::map<NoiseOf, NoiseFactor> noise;
-  };
-  Expected expected(const Equations& of, const MatrixXd& rows) const;
+  void transfer_pending(StateBytes& bytes);
+  SampleForm& form_of(const Sample& sample);
+  bool equations(const Sample& sample, Equations& out, std::string& why);
+  void place_rows(const std::vector<NoiseRows>& of, const MatrixXd& rows, const MatrixXd& all_rows,
+                  Equations& out) const;
+  void judge(const Equations& e, Innovation& out) const;
+  void take_outlier(long number, long residuals, Innovation& out);
+  void take_fitting(const Equations& e, long number);
+  void find_variances() {
+    for (size_t k = 0; k < noise.size(); ++k) variance[k] = noise[k].variance();
+  }
+  bool scans(const NoiseRows& of) const {
+    return of.view && base.rig.sensors[of.view->sensor].scanning_joint >= 0;
+  }
+  int kind_of(const NoiseRows& of) const {
+    return of.view ? first_kind[of.view->sensor] + (scans(of) ? 0 : of.part) : of.joint;
+  }
 };
 
 Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
-    : base(std::move(state.rig), {}), values(state.values) {
+    : base(std::move(state.rig), {}), needed(needed_by_views(base.rig)), values(state.values) {
   const ParameterTable& table = base.table;
   if (values.size() != table.initial.size())
     throw std::invalid_argument(
@@ -224,145 +240,100 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
   known = moves * known * moves.transpose();
   test.emplace(known, std::move(drift), options.samples_between_alarms,
                static_cast<int>(columns.size()) + 1);
+  for (size_t j = 0; j < base.rig.tree.joints.size(); ++j)
+    kinds.push_back({-1, static_cast<int>(j)});
+  for (size_t k = 0; k < base.rig.sensors.size(); ++k) {
+    first_kind.push_back(static_cast<int>(kinds.size()));
+    const size_t parts = std::max<size_t>(1, base.rig.sensors[k].model->noise_parts().size());
+    for (size_t part = 0; part < parts; ++part)
+      kinds.push_back({static_cast<int>(k), static_cast<int>(part)});
+  }
+  first_kind.push_back(static_cast<int>(kinds.size()));
+  noise.resize(kinds.size());
+  variance.resize(kinds.size());
+  find_variances();
+  pending.columns.reserve(columns.size());
+  pending.rows.resize(static_cast<Index>(columns.size()) + 1, static_cast<Index>(columns.size()));
+  pending.right.resize(static_cast<Index>(columns.size()) + 1);
+}
+
+/// Returns the form of a sample.
+SampleForm& Monitor::Parts::form_of(const Sample& sample) {
+  for (const auto& form : forms.all)
+    if (form->fits(sample)) return *form;
+  auto made = std::make_unique<SampleForm>(base, sample, setup, values);
+  if (forms.all.size() < kForms) {
+    forms.all.push_back(std::move(made));
+    return *forms.all.back();
+  }
+  forms.next = (forms.next + 1) % kForms;
+  return *(forms.all[forms.next] = std::move(made));
 }
 
 /// Makes the equations of a sample; false, and why, where they are not defined.
-bool Monitor::Parts::equations(const Sample& sample, Equations& out, std::string& why) const {
-  Sample one = sample;
-  one.train = true;
-  const Recording recording = base.with_samples({std::move(one)});
-  const std::vector<int> all = {0};
-  EstimationSetup own = setup;  // the sample's own unknowns alone
-  own.free.clear();
-  Values start;
-  start.shared = values;
-  try {
-    const Fit fitted = fit(recording, all, own, start);
-    if (!fitted.defined()) {
-      why = "a measured point cannot be seen from where it should be";
-      return false;
-    }
-    start = fitted.values;
-  } catch (const std::runtime_error& error) {
-    why = error.what();
-    return false;
-  }
-  Estimation problem(recording, all, setup);
-  if (problem.empty()) return true;
-  const VectorXd state = problem.pack(start);
-  problem.renew(state);
-  MatrixXd rows;
-  std::vector<NoiseRows> kinds;
-  if (!problem.noise_rows(0, state, rows, kinds)) {
-    why = "a residual is not defined";
-    return false;
-  }
-  const GroupShape& shape = problem.groups()[0];
+bool Monitor::Parts::equations(const Sample& sample, Equations& out, std::string& why) {
+  out.count = out.private_size = 0;
+  out.columns.clear();
+  out.kind.clear();
+  out.sensors.clear();
+  out.rest.assign(kinds.size(), {0, 0});
+  SampleForm& form = form_of(sample);
+  if (!form.linearise(sample, why)) return false;
+  if (form.empty()) return true;
+  const GroupShape& shape = form.shape();
   out.private_size = shape.private_size;
-  const auto n = static_cast<Index>(columns.size());
-  MatrixXd all_rows;
-  const auto scans = [&](const NoiseRows& kind) {
-    return kind.view && base.rig.sensors[kind.view->sensor].scanning_joint >= 0;
-  };
-  if (std::any_of(kinds.begin(), kinds.end(), scans)) problem.explicit_rows(0, state, all_rows);
-  out.rows.setZero(rows.rows() + all_rows.rows(), shape.private_size + n + 1);
-  Index used = 0;
-  const auto take = [&](const auto& row, const NoiseOf& kind) {
-    out.rows.row(used).head(shape.private_size) = row.head(shape.private_size);
-    for (size_t c = 0; c < shape.columns.size(); ++c)
-      out.rows(used, shape.private_size + shape.columns[c]) =
-          row(shape.private_size + static_cast<Index>(c));
-    out.rows(used, shape.private_size + n) = row(shape.size());
-    out.kind.push_back(kind);
-    ++used;
-  };
-  int residual = 0;  // of all rows: the first of this kind
-  for (const NoiseRows& kind : kinds) {
-    const NoiseOf of(kind.view ? kind.view->sensor : -1, kind.view ? kind.part : kind.joint);
-    if (scans(kind)) {
-      // Its derivatives are taken at what was measured: what distinguishes columns that are nearly
-      // alike comes from the noise, and a triangle of them is not what no parameter changes.
-      for (int i = residual; i < residual + kind.residuals; ++i)
-        take(all_rows.row(i), {of.first, 0});
-      residual += kind.residuals;
-      continue;
-    }
-    residual += kind.residuals;
-    const double largest =
-        rows.block(kind.first, 0, kind.count, shape.size()).cwiseAbs().maxCoeff();
-    int plain = 0;
-    double squares = 0;
-    for (int i = kind.first; i < kind.first + kind.count; ++i) {
-      if (!kind.view ||
-          rows.row(i).head(shape.size()).cwiseAbs().maxCoeff() > kRounding * largest) {
-        take(rows.row(i), of);
-        continue;
-      }
-      ++plain;
-      squares += rows(i, shape.size()) * rows(i, shape.size());
-    }
-    if (plain > 0) {
-      auto& alone = out.rest[of];
-      alone.first += squares;
-      alone.second += kind.residuals - (kind.count - plain);
-    }
-  }
-  out.rows.conservativeResize(used, Eigen::NoChange);
+  out.columns.assign(shape.columns.begin(), shape.columns.end());
+  place_rows(form.kinds(), form.rows(), form.explicit_rows(), out);
   return true;
 }
 
-/// Returns the rows over their noise factors.
-MatrixXd Monitor::Parts::scaled(const Equations& of) const {
-  MatrixXd rows = of.rows;
-  for (Index i = 0; i < rows.rows(); ++i) {
-    const auto found = noise.find(of.kind[i]);
-    if (found != noise.end()) rows.row(i) /= std::sqrt(found->second.variance());
-  }
-  return rows;
-}
-
-/// Compares every row with what all others let expect of it. S is the covariance of all rows, with
-/// private unknowns N(0, 1): nothing is known of them in m and rad. With u = S^-1 r and H = S^-1,
-/// rows s given the others have the covariance (H_ss)^-1 and the innovation (H_ss)^-1 u_s. Where
-/// its variance is that of the private unknowns, nothing else tells of them. Row i is H_ii of a
-/// residual of its kind of noise: if that noise has the variance 1 + c, u_i has H_ii + c H_ii^2.
-Monitor::Parts::Expected Monitor::Parts::expected(const Equations& of, const MatrixXd& rows) const {
-  const auto n = static_cast<Index>(columns.size());
-  const auto j = rows.middleCols(of.private_size, n);
-  const auto privates = rows.leftCols(of.private_size);
-  std::vector<int> touched;
-  for (Index c = 0; c < n; ++c)
-    if ((j.col(c).array() != 0).any()) touched.push_back(static_cast<int>(c));
-  const MatrixXd seen = j(Eigen::all, touched);
-  MatrixXd s = seen * test->covariance()(touched, touched) * seen.transpose() +
-               privates * privates.transpose();
-  s.diagonal().array() += 1;
-  const MatrixXd h = inverse_of_symmetric(s);
-  const VectorXd u = h * (rows.col(of.private_size + n) + j * test->mean());
-  Expected out;
-  std::map<int, std::vector<int>> places;
-  for (Index i = 0; i < rows.rows(); ++i) {
-    const NoiseOf& kind = of.kind[i];
-    if (kind.first >= 0) places[kind.first].push_back(static_cast<int>(i));
-    const auto found = noise.find(kind);
-    const double variance = found == noise.end() ? 1 : found->second.variance();
-    const double share = h(i, i) * h(i, i);
-    out.noise[kind].add(variance * (share + u(i) * u(i) - h(i, i)), share);
-  }
-  for (const auto& [kind, alone] : of.rest) out.noise[kind].add(alone.first, alone.second);
-  for (const auto& [sensor, own] : places) {
-    const SymmetricEigen inverse = symmetric_eigen(h(own, own));
-    const VectorXd along = inverse.vectors.transpose() * u(own);
-    SensorInnovation found;
-    found.sensor = sensor;
-    for (Index k = 0; k < along.size(); ++k) {
-      if (!(inverse.values(k) > kUnexpected)) continue;
-      found.chi2 += along(k) * along(k) / inverse.values(k);
-      ++found.dof;
+/// Takes the rows that a parameter changes, sensor after sensor, joints last; the others are the
+/// noise alone. Of scans all rows of `all_rows`: their derivatives are taken at what was measured,
+/// what distinguishes columns that are nearly alike comes from the noise, and a triangle of them is
+/// not what no parameter changes.
+void Monitor::Parts::place_rows(const std::vector<NoiseRows>& of, const MatrixXd& rows,
+                                const MatrixXd& all_rows, Equations& out) const {
+  out.stride = padded(static_cast<int>(rows.rows() + all_rows.rows())) + kSlack;
+  const Index size = rows.cols();
+  const size_t size_of = static_cast<size_t>(out.stride) * static_cast<size_t>(size);
+  if (out.rows.size() < size_of) out.rows.resize(size_of);
+  const auto take = [&](const MatrixXd& from, Index row, int kind) {
+    for (Index c = 0; c < size; ++c)
+      out.rows[static_cast<size_t>(c * out.stride + out.count)] = from(row, c);
+    out.kind.push_back(kind);
+    ++out.count;
+  };
+  const int sensors = static_cast<int>(base.rig.sensors.size());
+  for (int sensor = 0; sensor <= sensors; ++sensor) {
+    const int first_row = out.count;
+    int residual = 0;  // of all rows: the first of this kind
+    for (const NoiseRows& one : of) {
+      const int first_residual = residual;
+      residual += one.residuals;
+      if ((one.view ? one.view->sensor : sensors) != sensor) continue;
+      const int kind = kind_of(one);
+      if (scans(one)) {
+        for (int i = first_residual; i < residual; ++i) take(all_rows, i, kind);
+        continue;
+      }
+      const double largest = rows.block(one.first, 0, one.count, size - 1).cwiseAbs().maxCoeff();
+      int plain = 0;
+      double squares = 0;
+      for (int i = one.first; i < one.first + one.count; ++i) {
+        if (!one.view || rows.row(i).head(size - 1).cwiseAbs().maxCoeff() > kRounding * largest) {
+          take(rows, i, kind);
+          continue;
+        }
+        ++plain;
+        squares += rows(i, size - 1) * rows(i, size - 1);
+      }
+      if (plain == 0) continue;
+      out.rest[kind].first += squares;
+      out.rest[kind].second += one.residuals - (one.count - plain);
     }
-    out.sensors.push_back(found);
+    if (sensor < sensors && out.count > first_row)
+      out.sensors.push_back({sensor, first_row, out.count - first_row});
   }
-  return out;
 }
 
 Monitor::Monitor(CalibratedState state, const MonitorOptions& options)
@@ -372,98 +343,131 @@ Monitor::Monitor(const Monitor& other) : parts_(std::make_unique<Parts>(*other.p
 Monitor::Monitor(Monitor&&) noexcept = default;
 Monitor& Monitor::operator=(Monitor&&) noexcept = default;
 
+/// Sets chi2 and probabilities from the innovations.
+void Monitor::Parts::judge(const Equations& e, Innovation& out) const {
+  out.chi2 = innovations.chi2();
+  out.dof = innovations.dof();
+  double least = 1;  // probability of what a sensor shows, where its noise is known as far as it is
+  int tried = 0;
+  for (const Innovations::OfSensor& seen : innovations.sensors()) {
+    SensorInnovation sensor{seen.sensor, seen.chi2, seen.dof, 1};
+    double known_to = std::numeric_limits<double>::infinity();
+    const int first = first_kind[seen.sensor], last = first_kind[seen.sensor + 1];
+    for (int k = first; k < last; ++k)
+      if (innovations.noise()[k].seen) known_to = std::min(known_to, noise[k].known());
+    if (sensor.dof > 0) sensor.probability = f_tail(sensor.chi2 / sensor.dof, sensor.dof, known_to);
+    int parts = 1;
+    for (int k = first; k < last; ++k) {
+      const auto& [squares, residuals] = e.rest[k];
+      if (!(residuals > 0)) continue;
+      const double own = squares / variance[k];
+      sensor.probability =
+          std::min(sensor.probability, f_tail(own / residuals, residuals, noise[k].known()));
+      ++parts;
+      sensor.chi2 += own;
+      sensor.dof += residuals;
+      out.chi2 += own;
+      out.dof += residuals;
+    }
+    least = std::min(least, sensor.probability);
+    tried += parts;
+    sensor.probability = std::min(1.0, parts * sensor.probability);
+    out.sensors.push_back(sensor);
+  }
+  out.probability = std::min(1.0, tried * least);
+}
+
+/// Takes the reduced equations of an outlier, or keeps them until the next sample.
+void Monitor::Parts::take_outlier(long number, long residuals, Innovation& out) {
+  const std::vector<int>& touched = at_hand.columns;
+  const auto j = innovations.j();
+  const auto y = innovations.y();
+  if (!pending.waits && !drifting) {
+    pending.waits = true;
+    pending.columns.assign(touched.begin(), touched.end());
+    pending.rows.topLeftCorner(j.rows(), j.cols()) = j;
+    pending.right.head(y.size()) = y;
+    pending.count = static_cast<int>(y.size());
+    pending.sample = number;
+    pending.residuals = residuals;
+    return;
+  }
+  if (pending.waits) {
+    test->look(
+        pending.columns,
+        pending.rows.topLeftCorner(pending.count, static_cast<Index>(pending.columns.size())),
+        pending.right.head(pending.count), pending.residuals);
+    test->take(false, pending.sample);
+  }
+  pending.waits = false;
+  drifting = true;
+  test->look(touched, j, y, residuals);
+  test->take(false, number);
+  if (!test->alarm()) return;
+  const Moved first = test->moved().front();
+  out.unexplained = chi2_tail(first.chi2, static_cast<double>(first.residuals)) < kOutlier;
+  if (out.unexplained) test->restart({});
+}
+
+/// Takes a sample that fits, with what it tells of the noise itself: else the first samples of a
+/// noisier robot are a drift. (During an alarm what has moved would count as noise.)
+void Monitor::Parts::take_fitting(const Equations& e, long number) {
+  pending.waits = false;
+  drifting = false;
+  if (!test->alarm())
+    for (size_t k = 0; k < kinds.size(); ++k)
+      noise[k].add(innovations.noise()[k].squares, innovations.noise()[k].residuals);
+  find_variances();
+  const long residuals = innovations.reduce(e, variance);
+  test->look(e.columns, innovations.j(), innovations.y(), residuals);
+  test->take(true, number);
+}
+
 Innovation Monitor::add(const Sample& sample) {
-  Parts& p = *parts_;
-  check(p.base.rig, sample);
   Innovation out;
-  Equations e;
+  add(sample, out);
+  return out;
+}
+
+void Monitor::add(const Sample& sample, Innovation& out) {
+  Parts& p = *parts_;
+  check(p.base.rig, p.needed, sample);
+  out.state = SampleState::fits;
+  out.why.clear();
+  out.chi2 = out.dof = 0;
+  out.probability = 1;
+  out.sensors.clear();
+  out.unexplained = false;
+  Equations& e = p.at_hand;
   const bool defined = p.equations(sample, e, out.why);
   const long number = p.samples++;
   out.log_odds = p.test->log_statistic();
   out.alarm = p.test->alarm();
   if (!defined) {
     out.state = SampleState::undefined;
-    return out;
+    return;
   }
-  const Index n = static_cast<Index>(p.columns.size());
-  const MatrixXd scaled = p.scaled(e), all = without_privates(scaled, e.private_size);
-  if (all.rows() == 0 && e.rest.empty()) {
+  p.innovations.expect(e, p.variance, *p.test);
+  if (p.innovations.dof() == 0 && !e.has_rest()) {
     out.state = SampleState::tells_nothing;
-    return out;
+    return;
   }
-  const MatrixXd rows = compressed(all);
-  const MatrixXd j = rows.leftCols(n);
-  const VectorXd y = -rows.col(n);
-  const long residuals = all.rows();
-  out.chi2 = p.test->look(j, y, residuals);
-  out.dof = static_cast<double>(all.rows());
-  Parts::Expected seen = p.expected(e, scaled);
-  double least = 1;  // probability of what a sensor shows, where its noise is known as far as it is
-  int tried = 0;
-  for (SensorInnovation& sensor : seen.sensors) {
-    double known = std::numeric_limits<double>::infinity();
-    for (const auto& kind : seen.noise)
-      if (kind.first.first == sensor.sensor) known = std::min(known, p.noise[kind.first].known());
-    sensor.probability = sensor.dof > 0 ? f_tail(sensor.chi2 / sensor.dof, sensor.dof, known) : 1;
-    int parts = 1;
-    for (const auto& [kind, alone] : e.rest) {
-      if (kind.first != sensor.sensor) continue;
-      const double own = alone.first / p.noise[kind].variance();
-      const double of_part = f_tail(own / alone.second, alone.second, p.noise[kind].known());
-      sensor.probability = std::min(sensor.probability, of_part);
-      ++parts;
-      sensor.chi2 += own;
-      sensor.dof += alone.second;
-      out.chi2 += own;
-      out.dof += alone.second;
-    }
-    least = std::min(least, sensor.probability);
-    tried += parts;
-    sensor.probability = std::min(1.0, parts * sensor.probability);
-  }
-  out.sensors = std::move(seen.sensors);
-  out.probability = std::min(1.0, tried * least);
-
+  p.judge(e, out);
   if (out.probability < kOutlier) {
     out.state = SampleState::outlier;
     ++p.outliers;
-    if (!p.pending && !p.drifting) {
-      p.pending = {j, y, number, residuals};
-    } else {
-      if (p.pending) {
-        p.test->look(p.pending->rows, p.pending->right, p.pending->residuals);
-        p.test->take(false, p.pending->sample);
-        p.test->look(j, y, residuals);
-      }
-      p.pending.reset();
-      p.drifting = true;
-      p.test->take(false, number);
-      if (p.test->alarm()) {
-        const Moved first = p.test->moved().front();
-        out.unexplained = chi2_tail(first.chi2, static_cast<double>(first.residuals)) < kOutlier;
-        if (out.unexplained) p.test->restart({});
-      }
-    }
+    p.take_outlier(number, p.innovations.reduce(e, p.variance), out);
   } else {
-    p.pending.reset();
-    p.drifting = false;
-    // (While there is an alarm what has moved would count as noise.)
-    if (!p.test->alarm())
-      for (const auto& [kind, more] : seen.noise) p.noise[kind].add(more.squares, more.residuals);
-    // With what it says of the noise itself: else the first samples of a noisier robot are a drift.
-    const MatrixXd again = compressed(without_privates(p.scaled(e), e.private_size));
-    p.test->look(again.leftCols(n), -again.col(n), residuals);
-    p.test->take(true, number);
+    p.take_fitting(e, number);
   }
   out.log_odds = p.test->log_statistic();
   out.alarm = p.test->alarm();
-  return out;
 }
 
 std::vector<Moved> Monitor::moved() const { return parts_->test->moved(); }
 void Monitor::restart(bool accept) {
   parts_->test->restart(accept ? parts_->test->moved() : std::vector<Moved>());
-  parts_->pending.reset();
+  parts_->pending.waits = false;
   parts_->drifting = false;
 }
 const std::vector<DriftGroup>& Monitor::groups() const { return parts_->test->groups(); }
@@ -477,37 +481,59 @@ const Rig& Monitor::rig() const { return parts_->base.rig; }
 
 std::vector<NoiseSeen> Monitor::noise() const {
   std::vector<NoiseSeen> out;
-  for (const auto& [kind, seen] : parts_->noise)
+  for (size_t k = 0; k < parts_->kinds.size(); ++k) {
+    const auto& [sensor, part] = parts_->kinds[k];
+    const Parts::NoiseFactor& seen = parts_->noise[k];
     if (seen.residuals > 0)
-      out.push_back({kind.first, kind.second, std::sqrt(seen.variance()), seen.residuals});
+      out.push_back({sensor, part, std::sqrt(seen.variance()), seen.residuals});
+  }
   return out;
+}
+
+/// The rows have all columns in a file.
+void Monitor::Parts::transfer_pending(StateBytes& bytes) {
+  const auto damaged = [] { throw std::invalid_argument("state: it is damaged"); };
+  const auto n = static_cast<Index>(columns.size());
+  MatrixXd rows = MatrixXd::Zero(pending.count, n);
+  for (size_t c = 0; bytes.writes() && c < pending.columns.size(); ++c)
+    rows.col(pending.columns[c]) = pending.rows.col(static_cast<Index>(c)).head(pending.count);
+  VectorXd right = pending.right.head(pending.count);
+  bytes.value(rows);
+  bytes.value(right);
+  bytes.value(pending.sample);
+  bytes.value(pending.residuals);
+  if (bytes.writes()) return;
+  if (rows.cols() != n || rows.rows() > n + 1 || right.size() != rows.rows()) damaged();
+  pending.count = static_cast<int>(rows.rows());
+  pending.columns.clear();
+  for (Index c = 0; c < n; ++c) {
+    if ((rows.col(c).array() == 0).all()) continue;
+    pending.rows.col(static_cast<Index>(pending.columns.size())).head(pending.count) = rows.col(c);
+    pending.columns.push_back(static_cast<int>(c));
+  }
+  pending.right.head(pending.count) = right;
 }
 
 void Monitor::Parts::transfer(StateBytes& bytes) {
   bytes.value(samples);
   bytes.value(outliers);
   bytes.value(drifting);
-  bool waits = pending.has_value();
-  bytes.value(waits);
-  if (!bytes.writes()) pending = waits ? std::optional<Pending>(Pending()) : std::nullopt;
-  if (pending) {
-    bytes.value(pending->rows);
-    bytes.value(pending->right);
-    bytes.value(pending->sample);
-    bytes.value(pending->residuals);
-    if (pending->rows.cols() != static_cast<Index>(columns.size()) ||
-        pending->rows.rows() > pending->rows.cols() + 1 ||
-        pending->right.size() != pending->rows.rows())
-      throw std::invalid_argument("state: it is damaged");
-  }
-  std::vector<std::pair<NoiseOf, NoiseFactor>> factors(noise.begin(), noise.end());
-  bytes.list(factors, [&](std::pair<NoiseOf, NoiseFactor>& f) {
-    bytes.value(f.first.first);
-    bytes.value(f.first.second);
-    bytes.value(f.second.squares);
-    bytes.value(f.second.residuals);
+  bytes.value(pending.waits);
+  if (pending.waits) transfer_pending(bytes);
+  std::vector<size_t> seen;
+  for (size_t k = 0; bytes.writes() && k < kinds.size(); ++k)
+    if (noise[k].residuals > 0) seen.push_back(k);
+  if (!bytes.writes()) std::fill(noise.begin(), noise.end(), NoiseFactor());
+  bytes.list(seen, [&](size_t& k) {
+    NoiseOf of = bytes.writes() ? kinds[k] : NoiseOf();
+    bytes.value(of.first);
+    bytes.value(of.second);
+    k = static_cast<size_t>(std::find(kinds.begin(), kinds.end(), of) - kinds.begin());
+    if (k == kinds.size()) throw std::invalid_argument("state: it is damaged");
+    bytes.value(noise[k].squares);
+    bytes.value(noise[k].residuals);
   });
-  noise = {factors.begin(), factors.end()};
+  find_variances();
   test->transfer(bytes);
 }
 
@@ -518,7 +544,7 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
   for (const int g : groups)
     if (g < 0 || g >= static_cast<int>(p.test->groups().size()))
       throw std::invalid_argument("groups: there is no such group");
-  for (const Sample& sample : window) check(p.base.rig, sample);
+  for (const Sample& sample : window) check(p.base.rig, p.needed, sample);
   const auto n = static_cast<Index>(p.columns.size());
   MatrixXd prior = p.known;
   VectorXd width = VectorXd::Zero(n);
@@ -541,9 +567,11 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
       Equations e;
       std::string why;
       if (!now.equations(window[k], e, why)) continue;
-      all[k] = without_privates(now.scaled(e), e.private_size);
-      rows[k] = static_cast<double>(all[k].rows());
-      all[k] = compressed(all[k]);
+      rows[k] = static_cast<double>(now.innovations.reduce(e, now.variance));
+      const auto j = now.innovations.j();
+      all[k].setZero(j.rows(), n + 1);
+      for (Index c = 0; c < j.cols(); ++c) all[k].col(e.columns[c]) = j.col(c);
+      all[k].col(n) = -now.innovations.y();
       if (!used[k]) continue;
       information.noalias() += all[k].leftCols(n).transpose() * all[k].leftCols(n);
       pull.noalias() -= all[k].leftCols(n).transpose() * all[k].col(n);
@@ -568,6 +596,7 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
     }
     change += step;
     now.values = changed_values(p.base.table, p.values, p.columns, change);
+    now.forms.all.clear();
   }
   out.change = change;
   out.state.rig = p.base.rig;

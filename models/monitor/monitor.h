@@ -103,6 +103,10 @@ class Monitor {
   /// @throws std::invalid_argument: sizes or indices are not those of the rig, or a value is not
   /// finite
   Innovation add(const Sample& sample);
+  /// The same into `to`, whose memory is used again. The first sample of a form (the same views of
+  /// the same points) allocates, and so do samples of which the start of a free target needs
+  /// pixels, samples that no start explains, and outliers during an alarm; others do not.
+  void add(const Sample& sample, Innovation& to);
 
   /// Returns the groups that may have moved, most likely first.
   std::vector<Moved> moved() const;

@@ -6,8 +6,9 @@
 // any thread: on a PR2-like robot and on the nasty one with every type of sensor, dense, in noise
 // modes none and latent, with priors, with losses, with rejected steps, through the accelerated
 // tail, with 1 and 2 threads; likewise bundle adjustment; Estimation::reload(); and a Calibration
-// whose samples are replaced before it solves again. In marginal and point only renew() may. Does
-// not prove: anything about CHOLMOD, or about the first call.
+// whose samples are replaced before it solves again. In marginal and point only renew() may. A
+// monitor allocates nothing for samples that show what earlier ones showed, of mounted targets,
+// that fit or not. Does not prove: anything about CHOLMOD, or about the first call.
 #include <cxxabi.h>
 #include <dlfcn.h>
 #include <execinfo.h>
@@ -24,6 +25,7 @@
 #include "../../models/bundle_adjustment/bundle_adjustment.h"
 #include "../../models/calibration/calibration.h"
 #include "../../models/estimation/estimation.h"
+#include "../../models/monitor/monitor.h"
 #include "../../models/rig/parameters.h"
 #include "../../solver/levenberg_marquardt.h"
 #include "../fixtures/problem.h"
@@ -31,6 +33,7 @@
 #include "../fixtures/rigs.h"
 #include "../fixtures/samples.h"
 #include "../fixtures/transforms.h"
+#include "../fixtures/two_joints.h"
 
 using namespace kincal;
 using namespace kincal::fixture;
@@ -399,6 +402,45 @@ TEST_CASE("allocations: a calibration whose samples are replaced solves again wi
         CHECK(solution.usable());
       }
     }
+}
+
+TEST_CASE("allocations: a monitor adds samples of known forms without any") {
+  Rig rig;
+  add_two_joints(rig, 0.0005);
+  finish_tree(rig.tree);
+  add_marks_and_tracker(rig);
+  add_eye(rig);
+  Step all;
+  all.name = "all";
+  all.sensors = {0, 1};
+  all.free = {"sensor/*/pose", "joint/elbow/offset"};
+  rig.steps = {all};
+  Random random(17);
+  const auto logged = [&](int count) {
+    std::vector<Sample> out;
+    for (int n = 0; n < count; ++n) {
+      const TruePosture p = random_posture(rig, random, 0.5, true);
+      out.push_back(make_sample(rig, p, "s" + std::to_string(n)));
+      for (const int sensor : {0, 1})  // every third sample lacks the camera
+        if (sensor == 0 || n % 3 > 0) REQUIRE(add_view(out.back(), rig, sensor, 0, p, &random));
+    }
+    return out;
+  };
+  Calibration calibration(make_recording(rig, logged(30)));
+  const Solution& found = calibration.solve();
+  REQUIRE(found.usable());
+  Monitor monitor({found.rig(), found.values.shared, found.columns, found.covariance, {}, {}});
+  std::vector<Sample> samples = logged(200);
+  for (double& z : samples[50].views[0].z) z += 0.1;
+  Innovation innovation;
+  for (size_t i = 0; i < 3; ++i) monitor.add(samples[i], innovation);
+  Watch watch;
+  for (size_t i = 3; i < samples.size(); ++i) monitor.add(samples[i], innovation);
+  const long count = watch.stop();
+  if (count > 0) UNSCOPED_INFO(origins(count));
+  CHECK(count == 0);
+  CHECK(monitor.samples() == 200);
+  CHECK(monitor.outliers() == 1);
 }
 
 TEST_CASE("allocations: bundle adjustment solved again allocates nothing") {
