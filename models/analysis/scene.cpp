@@ -80,13 +80,17 @@ double Scene::position(const VectorXd& values, const Seen& s, int joint, int mov
   const auto error = values_.errors.find({s.sample, own});
   if (error != values_.errors.end()) reading += error->second;
   if (own == moved) reading += by;
-  return Configuration(rig(), table(), values, sample.readings).with(own, reading).position(joint);
+  return Configuration(rig(), table(), values, sample.readings, sample.conditions)
+      .with(own, reading)
+      .position(joint);
 }
 
 Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved,
                   double by) const {
   Pose begin_T_end;
-  const Configuration robot(rig(), table(), values, recording_.samples[s.sample].readings);
+  const Sample& sample = recording_.samples[s.sample];
+  const Configuration robot(rig(), table(), values, sample.readings, sample.conditions,
+                            s.view->sensor);
   for (const PathStep& step : path) {
     const Joint& joint = rig().tree.joints[step.joint];
     const double q = joint.moves() ? position(values, s, step.joint, moved, by) : 0;

@@ -90,6 +90,19 @@ Model grown(Model model, const FurtherTrial& trial, const FitWithGroups& best) {
   return model;
 }
 
+/// Calibrates with what a trial found, and keeps it if none of its groups lost its evidence.
+void adopt(Model next, const FurtherTrial& trial, Model& model, Calibrated& best) {
+  if (trial.groups.empty()) return;
+  next = grown(std::move(next), trial, best.fit);
+  Calibrated found = calibrate_groups(next);
+  if (!found.found.solution.usable() ||
+      !std::all_of(trial.groups.begin(), trial.groups.end(),
+                   [&](const std::string& g) { return is_kept(found.found, g); }))
+    return;
+  model = std::move(next);
+  best = std::move(found);
+}
+
 /// Compliances about the axes, then those across them, then loads.
 void bend_joints(Model& model, Calibrated& best) {
   const std::vector<std::string> tried = best.fit.groups.further;
@@ -114,15 +127,22 @@ void bend_joints(Model& model, Calibrated& best) {
       trial = std::move(found);
       next = std::move(one);
     }
-    if (trial.groups.empty()) continue;
-    next = grown(std::move(next), trial, best.fit);
-    Calibrated found = calibrate_groups(next);
-    if (!found.found.solution.usable() ||
-        !std::all_of(trial.groups.begin(), trial.groups.end(),
-                     [&](const std::string& g) { return is_kept(found.found, g); }))
-      continue;
-    model = std::move(next);
-    best = std::move(found);
+    adopt(std::move(next), trial, model, best);
+  }
+}
+
+/// What the conditions of the samples add.
+void add_conditions(Model& model, Calibrated& best) {
+  const std::vector<std::string> tried = best.fit.groups.further;
+  for (const char* const name : {kBacklash, kTimeOffsets}) {
+    if (!is_among(tried, name)) continue;
+    model.options.progress.stage(name);
+    Model next = model;
+    next.recording =
+        name == kBacklash ? with_backlash(*model.recording) : with_time_offsets(*model.recording);
+    const FurtherTrial trial =
+        try_model(best.fit, further_model(next, best.fit), *best.found.solution.recording);
+    adopt(std::move(next), trial, model, best);
   }
 }
 
@@ -130,7 +150,7 @@ void bend_joints(Model& model, Calibrated& best) {
 void add_curves(Model& model, Calibrated& best) {
   std::vector<std::string> names;
   for (const std::string& name : best.fit.groups.further)
-    if (!is_bending(name)) names.push_back(name);
+    if (is_curve(name)) names.push_back(name);
   const auto curved = [&](const std::vector<std::string>& groups) {
     std::vector<int> joints;
     for (const std::string& name : groups)
@@ -181,8 +201,11 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     if (model.options.begin.further.empty())
       rigid = std::make_shared<const Solution>(best.found.solution);
     bend_joints(model, best);
+    add_conditions(model, best);
     add_curves(model, best);
-    if (!model.options.begin.further.empty()) best.found.rigid = std::move(rigid);
+    const std::vector<std::string>& kept = model.options.begin.further;
+    if (std::any_of(kept.begin(), kept.end(), corrects_readings))
+      best.found.rigid = std::move(rigid);
   }
   return std::move(best.found);
 } catch (const Cancelled&) {

@@ -214,7 +214,8 @@ void take(AutomaticCalibration found, Report& report) {
   report.gauges = std::move(found.gauges);
   report.mounts = std::move(found.mounts);
   if (found.rigid) report.rigid = std::move(found.rigid);
-  if (begin_at(report.solution, report.automatic).further.empty()) report.rigid.reset();
+  const std::vector<std::string> kept = begin_at(report.solution, report.automatic).further;
+  if (std::none_of(kept.begin(), kept.end(), corrects_readings)) report.rigid.reset();
 }
 
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
@@ -315,7 +316,8 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
 /// A message where groups of further models were asked for and the data speak for none of them.
 void say_no_further(const GroupChoice& choice, Report& report) {
   const Tree& tree = report.solution.rig().tree;
-  std::vector<std::string> further = {kCompliance, kComplianceAcross, kLoads};
+  std::vector<std::string> further = {kCompliance, kComplianceAcross, kLoads, kBacklash,
+                                      kTimeOffsets};
   for (const Joint& joint : tree.joints) further.push_back(kCurve + joint.name);
   for (const std::string& name : choice.with) {
     bool asked = false, found = false;
