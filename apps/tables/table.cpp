@@ -49,6 +49,7 @@ std::string align(const std::vector<std::vector<std::string>>& rows, size_t left
 Unit shown(const std::string& unit) {
   if (unit == "m") return {"mm", 1e3};
   if (unit == "rad") return {"mrad", 1e3};
+  if (unit == "s") return {"ms", 1e3};
   return {unit, 1};
 }
 

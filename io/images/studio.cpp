@@ -22,7 +22,8 @@ void prepare_camera(Studio& studio, int sensor) {
 }
 
 std::vector<Sheet> sheets_before(const Studio& studio, int sensor, const Posture& posture) {
-  const Configuration robot(studio.rig, studio.table, studio.truth, posture.readings);
+  const Configuration robot(studio.rig, studio.table, studio.truth, posture.readings,
+                            posture.conditions);
   const int link = studio.rig.sensors[sensor].link;
   const Pose camera_T_link = inverse(robot.link_T_sensor(sensor));
   const auto stands = [&](int other) {  // relative to the camera

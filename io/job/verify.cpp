@@ -176,6 +176,7 @@ VectorXd nominal_values(const VerifiedResult& result) {
       case ParameterKind::joint_offset:
       case ParameterKind::joint_scale:
       case ParameterKind::joint_shape:
+      case ParameterKind::backlash:
       case ParameterKind::compliance:
       case ParameterKind::load: {
         const std::vector<double> initial = parameters[name]["initial"].vector(parameter.size());

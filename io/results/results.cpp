@@ -39,6 +39,8 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
     for (size_t k = 0; k < out.joint_further[j].size(); ++k)
       out.joint_further[j][k] =
           values(table.all[table.joint_offset[j]].start + 2 + static_cast<int>(k));
+    if (const int p = table.index_of(ParameterKind::backlash, static_cast<int>(j)); p >= 0)
+      out.joint_backlash[j] = values(table.all[p].start);
   }
   const std::vector<int> unknown = unseen_poses(solution).open;
   const auto known_pose = [&](int parameter) -> std::optional<Pose> {
@@ -47,6 +49,8 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
   };
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     out.sensor_poses[s] = known_pose(table.sensor_pose[s]);
+    if (table.time_offset[s] >= 0)
+      out.sensor_time_offsets[s] = values(table.all[table.time_offset[s]].start);
     for (size_t b = 0; b < rig.sensors[s].parameters.size(); ++b) {
       const Parameter& p = table.all[table.sensor_block[s] + static_cast<int>(b)];
       out.sensor_parameters[s][b].assign(values.data() + p.start,

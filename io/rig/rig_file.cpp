@@ -14,6 +14,7 @@
 #include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/yaml.h"
+#include "conditions_entry.h"
 #include "elasticity_entry.h"
 #include "types.h"
 
@@ -286,7 +287,7 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
   Sensor sensor;
   sensor.name = name;
   const SensorKeys& keys =
-      read_keys(field, sensor_types(), {"type", "link"}, {"pose", "mount", "topic"});
+      read_keys(field, sensor_types(), {"type", "link"}, {"pose", "mount", "topic", "time_offset"});
   sensor.type = keys.name;
   sensor.model = keys.make();
   sensor.link = read_link(field["link"], tree);
@@ -303,6 +304,7 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
   if (sensor.type == "camera") read_camera(field, sensor);
   if (field.has("range_scale") || field.has("range_offset")) read_range(field, sensor);
   if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
+  sensor.time_offset = read_time_offset(field, *sensor.model);
   return sensor;
 }
 
@@ -434,7 +436,7 @@ void read_further(const Field& entry, const std::string& joint, const JointModel
 /// Of a floating joint: the noise of its reading, a pose.
 void read_floating(const Field& entry, const Tree& tree, int joint,
                    std::vector<JointSettings>& settings) {
-  for (const char* key : {"offset", "scale", "model"})
+  for (const char* key : {"offset", "scale", "model", "backlash"})
     if (entry.has(key))
       entry[key].fail(
           "the reading of a floating joint is a pose; it has a sigma only: {sigma: "
@@ -474,7 +476,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
   if (field.node->kind != Node::Kind::mapping)
     field.fail("a mapping of joint names or globs is expected");
   const Names names = names_of(tree.joints);
-  Names keys = {"sigma", "offset", "scale", "model"};
+  Names keys = {"sigma", "offset", "scale", "model", "backlash"};
   for (const auto& model : models)
     for (const JointNumber& number : model->extra_parameters()) keys.push_back(number.name);
   read_joint_models(field, tree, models, settings);
@@ -507,6 +509,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
       if (entry.has("offset")) settings[j].offset = entry["offset"].number();
       if (entry.has("scale")) settings[j].scale = entry["scale"].number();
       if (settings[j].scale == 0) entry["scale"].fail("a scale is not 0");
+      if (entry.has("backlash")) settings[j].backlash = entry["backlash"].number();
       read_further(entry, joint.name, models, settings[j]);
     }
   }

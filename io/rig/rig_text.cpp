@@ -96,7 +96,7 @@ void set_pose(Node& mapping, const std::optional<Pose>& old, const std::optional
 
 bool same(const JointSettings& a, const JointSettings& b) {
   return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale && a.model == b.model &&
-         a.further == b.further;
+         a.further == b.further && a.backlash == b.backlash;
 }
 
 /// Another model, and those of its numbers that changed.
@@ -119,6 +119,7 @@ void set_joint(Node& entry, const JointSettings& given, const JointSettings& now
   if (given.sigma != now.sigma) member(entry, "sigma") = number_node(now.sigma);
   if (given.offset != now.offset) member(entry, "offset") = number_node(now.offset);
   if (given.scale != now.scale) member(entry, "scale") = number_node(now.scale);
+  if (given.backlash != now.backlash) member(entry, "backlash") = number_node(*now.backlash);
   set_model(entry, given, now);
 }
 
@@ -129,6 +130,7 @@ Node joint_node(const JointSettings& settings, bool named) {
   member(node, "offset") = number_node(settings.offset);
   member(node, "scale") = number_node(settings.scale);
   const JointSettings plain;
+  if (settings.backlash) member(node, "backlash") = number_node(*settings.backlash);
   if (named) member(node, "model") = text_node(settings.model->name());
   if (named || settings.model != plain.model) set_model(node, plain, settings);
   return node;
@@ -161,9 +163,13 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
     for (size_t j = 0; j < tree.joints.size(); ++j) {
       const double sigma = values.joint_sigmas[j];
       const bool as_guessed = sigma > 0 && sigma == given[j].noise_guess;
-      const JointSettings now = {as_guessed ? given[j].sigma : sigma, values.joint_offsets[j],
-                                 values.joint_scales[j], values.joint_models[j],
-                                 values.joint_further[j]};
+      const JointSettings now = {as_guessed ? given[j].sigma : sigma,
+                                 values.joint_offsets[j],
+                                 values.joint_scales[j],
+                                 values.joint_models[j],
+                                 values.joint_further[j],
+                                 0,
+                                 values.joint_backlash[j]};
       const std::string& name = tree.joints[j].name;
       if (tree.joints[j].axis_of_pose == PoseAxis::error && given[j].sigma != now.sigma)
         set_floating_sigma(joints, tree, static_cast<int>(j), now.sigma);
@@ -239,10 +245,12 @@ RigValues values_of(const Rig& rig) {
     values.joint_sigmas.push_back(joint.sigma);
     values.joint_models.push_back(joint.model);
     values.joint_further.push_back(further_values(joint));
+    values.joint_backlash.push_back(joint.backlash);
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(given_pose(sensor, sensor.link_T_sensor));
     values.sensor_sigmas.push_back(sensor.sigma);
+    values.sensor_time_offsets.push_back(sensor.time_offset);
     values.sensor_parameters.emplace_back();
     for (const ParameterBlock& block : sensor.parameters)
       values.sensor_parameters.back().push_back(block.values);
@@ -306,8 +314,13 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
   set_joints(root, rig, values);
   for (size_t s = 0; s < rig.rig.sensors.size(); ++s) {
     const Sensor& sensor = rig.rig.sensors[s];
-    set_sensor(member(member(root, "sensors"), sensor.name), sensor, values.sensor_poses[s],
-               values.sensor_sigmas[s], values.sensor_parameters[s]);
+    Node& node = member(member(root, "sensors"), sensor.name);
+    set_sensor(node, sensor, values.sensor_poses[s], values.sensor_sigmas[s],
+               values.sensor_parameters[s]);
+    if (const Node* written = node.find("time_offset");
+        values.sensor_time_offsets[s] &&
+        !(written && sensor.time_offset == values.sensor_time_offsets[s]))
+      member(node, "time_offset") = number_node(*values.sensor_time_offsets[s]);
   }
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     const Target& target = rig.rig.targets[t];

@@ -17,6 +17,7 @@
 #include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "conditions_entry.h"
 #include "types.h"
 
 namespace kincal {
@@ -291,9 +292,15 @@ std::vector<double> read_joint_noise(const Field& field, const Field& readings,
   return noise;
 }
 
+/// The keys that a sample may have beside those that it needs.
+Names sample_keys() {
+  Names keys = {"time", "split", "joint_sigma"};
+  keys.insert(keys.end(), condition_keys().begin(), condition_keys().end());
+  return keys;
+}
+
 Sample read_sample(const Field& field, const Lookup& look) {
-  static const Names required = {"id", "joints", "views"},
-                     optional = {"time", "split", "joint_sigma"};
+  static const Names required = {"id", "joints", "views"}, optional = sample_keys();
   field.check_keys(required, optional);
   Sample sample;
   if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
@@ -308,6 +315,7 @@ Sample read_sample(const Field& field, const Lookup& look) {
   const Field joints = field["joints"], views = field["views"];
   sample.readings = read_readings(joints, look, look.rig.tree.joints.size());
   if (field.has("joint_sigma")) sample.noise = read_joint_noise(field["joint_sigma"], joints, look);
+  sample.conditions = read_conditions(field, look.rig.tree);
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
   sample.views.reserve(views.size());
   for (size_t i = 0; i < views.size(); ++i)
@@ -400,8 +408,8 @@ std::string json_sample(const Rig& rig, const Sample& sample,
              json_view(rig, sample.views[v], v < images.size() ? images[v] : std::string());
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
   return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) +
-         json_joint_sigma(rig, sample) + ", \"views\": [" + views + "], \"split\": " + split +
-         "}\n";
+         json_joint_sigma(rig, sample) + conditions_text(rig.tree, sample.conditions) +
+         ", \"views\": [" + views + "], \"split\": " + split + "}\n";
 }
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include "../document/kinds.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
+#include "conditions_entry.h"
 #include "samples_file.h"
 
 namespace kincal {
@@ -109,12 +110,15 @@ std::map<int, Pose> read_places(const Field& targets, const Rig& rig) {
 }
 
 Posture read_posture(const Field& field, const Rig& rig) {
-  field.check_keys({"id", "joints"}, {"views", "targets", "from"});
+  std::vector<std::string> optional = {"views", "targets", "from"};
+  optional.insert(optional.end(), condition_keys().begin(), condition_keys().end());
+  field.check_keys({"id", "joints"}, optional);
   Posture posture;
   if (!field["id"].node->quoted) field["id"].fail("a string is expected, e.g. \"posture_7\"");
   posture.id = field["id"].string();
   posture.readings = read_joints(field["joints"], rig.tree);
   if (field.has("from")) posture.from = read_joints(field["from"], rig.tree);
+  posture.conditions = read_conditions(field, rig.tree);
   if (field.has("targets")) posture.targets = read_places(field["targets"], rig);
   if (field.has("views")) read_views(field["views"], rig, posture);
   return posture;
@@ -267,10 +271,13 @@ std::map<std::string, Posture> read_true_postures(const std::string& path, const
   std::map<std::string, Posture> out;
   for (const auto& [id, value] : samples.members()) {
     const Field sample{&value, samples.path, samples.name + "." + id};
-    sample.check_keys({"joints"}, {"targets"});
+    std::vector<std::string> optional = condition_keys();
+    optional.push_back("targets");
+    sample.check_keys({"joints"}, optional);
     Posture& posture = out[id];
     posture.id = id;
     posture.readings = read_joints(sample["joints"], rig.tree);
+    posture.conditions = read_conditions(sample, rig.tree);
     if (sample.has("targets")) posture.targets = read_places(sample["targets"], rig);
   }
   return out;
@@ -320,6 +327,7 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
                  ": " + true_pose_text(t->second);
     samples.add(simulation.samples[k].id,
                 "{\"joints\": " + readings_text(rig.tree, simulation.true_readings[k]) +
+                    conditions_text(rig.tree, simulation.samples[k].conditions) +
                     ", \"targets\": {" + targets + "}}");
   }
   return "{\n \"about\": \"What the simulated robot really is. parameters: all that differ from "

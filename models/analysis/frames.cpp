@@ -238,10 +238,7 @@ void add_bending(const Configuration& robot, const Unknowns& unknowns, const Col
     for (int p = table.joint_offset[d.joint]; p < table.joint_origin[d.joint]; ++p) {
       if (const auto found = columns.find(p); found != columns.end())
         for (const auto& [number, column] : found->second)
-          by_unknowns.col(column) +=
-              rig.joints[d.joint].model->by_own(first + number, robot.reading(d.joint),
-                                                robot.own_numbers(d.joint)) *
-              twist;
+          by_unknowns.col(column) += robot.by_own_number(d.joint, first + number) * twist;
       first += table.all[p].size();
     }
   }
@@ -285,20 +282,18 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
     if (joint.moves()) {
       const Driver d = driver(rig.tree, step.joint);
       const Vector6d twist = d.factor * position_twist(joint, step.direction, base_T_joint);
-      const JointModel& model = *rig.joints[d.joint].model;
-      const double* own = robot.own_numbers(d.joint);
-      const double reading = readings[d.joint];
       int first = 0;  // own number of the parameter's first component
       for (int p = table.joint_offset[d.joint]; p < table.joint_origin[d.joint]; ++p) {
         if (const auto found = columns.find(p); found != columns.end())
           for (const auto& [number, column] : found->second)
-            out.by_unknowns.col(column) += model.by_own(first + number, reading, own) * twist;
+            out.by_unknowns.col(column) += robot.by_own_number(d.joint, first + number) * twist;
         first += table.all[p].size();
       }
       const double sigma = rig.joints[d.joint].sigma;
       if (sigma > 0)
         by_reading.emplace(d.joint, Vector6d::Zero()).first->second +=
-            model.by_reading(reading, own) * sigma * twist;
+            rig.joints[d.joint].model->by_reading(readings[d.joint], robot.own_numbers(d.joint)) *
+            sigma * twist;
     }
     base_T_link = base_T_next;
   }

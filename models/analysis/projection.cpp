@@ -54,7 +54,8 @@ SeenPoints see(const Solution& solution, int sensor, const Matrix3Xd& points,
 
 Pose camera_T_board(const Solution& solution, int sample, const View& view) {
   const Configuration at(solution.rig(), solution.table(), solution.values.shared,
-                         solution.samples()[sample].readings);
+                         solution.samples()[sample].readings, solution.samples()[sample].conditions,
+                         view.sensor);
   return inverse(at.base_T_sensor(view.sensor)) * solution.values.targets.at({sample, view.target});
 }
 

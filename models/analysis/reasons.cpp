@@ -251,6 +251,17 @@ class ReasonFinder {
     out_.kind = "nothing_depends";
     out_.why = "no measurement depends on " + names();
     const Parameter& parameter = scene_.table().all[first_parameter()];
+    const bool backlash = parameter.kind == ParameterKind::backlash;
+    if (backlash || parameter.kind == ParameterKind::time_offset) {
+      const std::string& owner = backlash ? scene_.rig().tree.joints[parameter.owner].name
+                                          : scene_.rig().sensors[parameter.owner].name;
+      out_.why += backlash ? " (no sample states the approach of joint '" + owner + "')"
+                           : " (no sample states rates of joints that move what sensor '" + owner +
+                                 "' sees)";
+      out_.cure = std::string("state `") + (backlash ? "approach" : "rates") +
+                  "` in the samples, or fix " + first();
+      return;
+    }
     if (parameter.kind == ParameterKind::joint_scale ||
         parameter.kind == ParameterKind::joint_shape) {
       const auto range = joint_range(scene_, parameter.owner);

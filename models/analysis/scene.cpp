@@ -85,7 +85,8 @@ std::vector<double> Scene::readings(const Seen& s, int moved, double by) const {
 Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int moved,
                   double by) const {
   const std::vector<double> readings = this->readings(s, moved, by);
-  const Configuration robot(rig(), table(), values, readings);
+  const Configuration robot(rig(), table(), values, readings,
+                            recording_.samples[s.sample].conditions, s.view->sensor);
   Pose begin_T_end;
   for (const PathStep& step : path) {
     const Pose next = robot.origin(step.joint) * robot.motion(step.joint);

@@ -123,6 +123,23 @@ struct FurtherRecord {
   }
 };
 
+/// Calibrates with what a trial found, and keeps it if none of its groups lost its evidence.
+void adopt(Model next, const FurtherTrial& trial, Model& model, Calibrated& best,
+           FurtherRecord& record) {
+  if (trial.groups.empty()) return;
+  next = grown(std::move(next), trial, best);
+  Calibrated found = calibrate_groups(next);
+  if (!found.found.solution.usable() ||
+      !std::all_of(trial.groups.begin(), trial.groups.end(),
+                   [&](const std::string& g) { return is_kept(found.found, g); })) {
+    for (const std::string& g : trial.groups) record.set_lost(g);
+    return;
+  }
+  record.add_stage(model, best);
+  model = std::move(next);
+  best = std::move(found);
+}
+
 /// Compliances about the axes, then those across them, then loads.
 void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> tried = best.fit.groups.further;
@@ -148,18 +165,23 @@ void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
       trial = std::move(found);
       next = std::move(one);
     }
-    if (trial.groups.empty()) continue;
-    next = grown(std::move(next), trial, best);
-    Calibrated found = calibrate_groups(next);
-    if (!found.found.solution.usable() ||
-        !std::all_of(trial.groups.begin(), trial.groups.end(),
-                     [&](const std::string& g) { return is_kept(found.found, g); })) {
-      for (const std::string& g : trial.groups) record.set_lost(g);
-      continue;
-    }
-    record.add_stage(model, best);
-    model = std::move(next);
-    best = std::move(found);
+    adopt(std::move(next), trial, model, best, record);
+  }
+}
+
+/// What the conditions of the samples add.
+void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
+  const std::vector<std::string> tried = best.fit.groups.further;
+  for (const char* const name : {kBacklash, kTimeOffsets}) {
+    if (!is_among(tried, name)) continue;
+    model.options.progress.stage(name);
+    Model next = model;
+    next.recording =
+        name == kBacklash ? with_backlash(*model.recording) : with_time_offsets(*model.recording);
+    const FurtherTrial trial =
+        try_model(best.fit, further_model(next, best.fit), *best.found.solution.recording);
+    record.add(trial.tried);
+    adopt(std::move(next), trial, model, best, record);
   }
 }
 
@@ -167,7 +189,7 @@ void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
 void add_curves(Model& model, Calibrated& best, FurtherRecord& record) {
   std::vector<std::string> names;
   for (const std::string& name : best.fit.groups.further)
-    if (!is_bending(name)) names.push_back(name);
+    if (is_curve(name)) names.push_back(name);
   const auto curved = [&](const std::vector<std::string>& groups) {
     std::vector<int> joints;
     for (const std::string& name : groups)
@@ -221,6 +243,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   if (best.found.solution.usable()) {
     FurtherRecord record;
     bend_joints(model, best, record);
+    add_conditions(model, best, record);
     add_curves(model, best, record);
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);

@@ -176,6 +176,18 @@ std::shared_ptr<const Recording> with_curves(const Recording& recording,
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
+std::shared_ptr<const Recording> with_backlash(const Recording& recording) {
+  Rig rig = recording.rig;
+  for (const int j : joints_with_backlash(rig, recording.samples)) rig.joints[j].backlash = 0;
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+std::shared_ptr<const Recording> with_time_offsets(const Recording& recording) {
+  Rig rig = recording.rig;
+  for (const int s : sensors_with_rates(rig, recording.samples)) rig.sensors[s].time_offset = 0;
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
 std::shared_ptr<const Recording> with_elasticity(const Recording& recording, bool rotor) {
   Rig rig = recording.rig;
   if (!rig.elasticity) rig.elasticity = nominal_elasticity(rig);
@@ -190,18 +202,25 @@ Recording with_models_of(const Recording& recording, const Recording& other) {
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     rig.joints[j].model = other.rig.joints[j].model;
     rig.joints[j].further = other.rig.joints[j].further;
+    rig.joints[j].backlash = other.rig.joints[j].backlash;
   }
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    rig.sensors[s].time_offset = other.rig.sensors[s].time_offset;
   return recording.with_rig(std::move(rig));
 }
 
 std::shared_ptr<const Recording> without_added(const Recording& recording) {
   Rig rig = recording.rig;
-  for (JointSettings& joint : rig.joints)
+  for (JointSettings& joint : rig.joints) {
+    if (joint.backlash == 0) joint.backlash.reset();
     if (joint.model->name() == "curve" &&
         std::all_of(joint.further.begin(), joint.further.end(), [](double v) { return v == 0; })) {
       joint.model = linear_joint();
       joint.further.clear();
     }
+  }
+  for (Sensor& sensor : rig.sensors)
+    if (sensor.time_offset == 0) sensor.time_offset.reset();
   if (rig.elasticity && (rig.elasticity->added || !bends(*rig.elasticity))) {
     const Elasticity nominal = nominal_elasticity(rig);
     rig.elasticity->added = false;

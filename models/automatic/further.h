@@ -1,10 +1,13 @@
 // Further models on the automatic path, which a URDF cannot hold: joints that bend under weights
-// (kinematics/bending.h) and error curves over their angles (joints/curve_joint.h). They are tried
-// behind the geometry, each on top of what was kept before:
+// (kinematics/bending.h), what the samples' conditions add (rig/conditions.h) and error curves over
+// the joints' angles (joints/curve_joint.h). They are tried behind the geometry, each on top of
+// what was kept before:
 //
 //   compliance          about the joints' axes, with the loads that the rig begins with
 //   compliance across   of the joints' axes, in the stator's frame or the rotor's
 //   loads               first moments of the moving links
+//   backlash            of joints whose direction of approach the samples state
+//   time offsets        of sensors that measured while joints moved, if the samples state rates
 //   curve/NAME          of a joint that turns
 //
 // They stand in for each other (a bent arm's error goes with the angles as well), so the order
@@ -48,7 +51,11 @@ struct FurtherModel {
 /// Returns the recording with error curves of these joints.
 std::shared_ptr<const Recording> with_curves(const Recording& recording,
                                              const std::vector<int>& joints);
-/// Returns the recording without what both of these have added, which nobody stated.
+/// Returns the recording with a backlash of the joints that its samples tell one of.
+std::shared_ptr<const Recording> with_backlash(const Recording& recording);
+/// Returns the recording with time offsets of the sensors that its samples tell one of.
+std::shared_ptr<const Recording> with_time_offsets(const Recording& recording);
+/// Returns the recording without what these have added, which nobody stated.
 std::shared_ptr<const Recording> without_added(const Recording& recording);
 /// Returns the recording with an elasticity, compliances of zero; gravity and loads of the rig's
 /// own, where it has one.

@@ -73,6 +73,7 @@ class GroupMaker {
     make_geometry();
     make_targets_and_sensors();
     make_bending();
+    make_conditions();
     return std::move(out_);
   }
 
@@ -84,6 +85,7 @@ class GroupMaker {
   void make_geometry();
   void make_targets_and_sensors();
   void make_bending();
+  void make_conditions();
   std::vector<Chain> chains() const;
   std::map<int, std::string> runs() const;
   bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
@@ -216,6 +218,7 @@ void GroupMaker::make_joints() {
   for (size_t s = 0; s < rig_.sensors.size(); ++s)
     if (rig_.sensors[s].scanning_joint >= 0 && used_[table_.sensor_pose[s]])
       scans[rig_.sensors[s].scanning_joint] = 1;
+  const std::vector<int> approached = joints_with_backlash(rig_, recorded_);
   for (size_t j = 0; j < rig_.tree.joints.size(); ++j) {
     const int offset = table_.joint_offset[j], scale = table_.joint_scale[j];
     if (offset < 0 || table_.all[offset].hidden() || !(used_[offset] || carries_[j])) continue;
@@ -230,15 +233,34 @@ void GroupMaker::make_joints() {
     }
     if (!slides && !scans[j] && used_[offset] && rig_.joints[j].model == linear_joint())
       out_.groups.push_back({kCurve + rig_.tree.joints[j].name, {}, {}});
+    if (const int backlash = table_.index_of(ParameterKind::backlash, static_cast<int>(j));
+        backlash >= 0 && std::count(approached.begin(), approached.end(), j))
+      add(kBacklash, backlash, 0);
     const std::vector<char> seen =
         numbers_seen(recorded_, static_cast<int>(j), *rig_.joints[j].model);
     size_t number = 2;
     for (int p = offset + 2; p < table_.joint_origin[j]; ++p)
-      for (int c = 0; c < table_.all[p].size(); ++c, ++number)
+      for (int c = 0; table_.all[p].kind == ParameterKind::joint_shape && c < table_.all[p].size();
+           ++c, ++number)
         if (used_[p])
           add(table_.all[p].size() == 1 ? "shapes" : kCurve + rig_.tree.joints[j].name, p, c,
               table_.all[p].usual_error, seen[number]);
   }
+}
+
+/// What conditions of the samples add: time offsets, and what the rig does not have yet.
+void GroupMaker::make_conditions() {
+  const auto has = [&](ParameterKind kind) {
+    return std::any_of(table_.all.begin(), table_.all.end(),
+                       [&](const Parameter& p) { return p.kind == kind; });
+  };
+  if (!has(ParameterKind::backlash) && !joints_with_backlash(rig_, recorded_).empty())
+    out_.groups.push_back({kBacklash, {}, {}});
+  const std::vector<int> moving = sensors_with_rates(rig_, recorded_);
+  if (!has(ParameterKind::time_offset) && !moving.empty())
+    out_.groups.push_back({kTimeOffsets, {}, {}});
+  for (const int s : moving)
+    if (table_.time_offset[s] >= 0) add(kTimeOffsets, table_.time_offset[s], 0);
 }
 
 /// Chains between sensors and what they see, the longest first.
@@ -469,6 +491,31 @@ std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
     out[k] = std::any_of(pieces.begin(), pieces.end(),
                          [&](int piece) { return model.depends(k, piece); });
   return out;
+}
+
+std::vector<int> joints_with_backlash(const Rig& rig, const std::vector<Sample>& samples) {
+  std::vector<int> out;
+  for (int j = 0; j < static_cast<int>(rig.tree.joints.size()); ++j)
+    if (std::none_of(rig.sensors.begin(), rig.sensors.end(),
+                     [&](const Sensor& s) { return s.scanning_joint == j; }) &&
+        std::any_of(samples.begin(), samples.end(), [&](const Sample& s) {
+          return s.train && stated(s.conditions.approach, j) != 0;
+        }))
+      out.push_back(j);
+  return out;
+}
+
+std::vector<int> sensors_with_rates(const Rig& rig, const std::vector<Sample>& samples) {
+  std::set<int> out;
+  for (const Sample& s : samples) {
+    const std::vector<double>& rates = s.conditions.rates;
+    if (!s.train || std::all_of(rates.begin(), rates.end(), [](double r) { return r == 0; }))
+      continue;
+    for (const View& v : s.views)
+      if (rig.sensors[v.sensor].model->measurement_kind() != MeasurementKind::chain)
+        out.insert(v.sensor);
+  }
+  return {out.begin(), out.end()};
 }
 
 Rig with_pair_poses(Rig rig) {

@@ -19,9 +19,11 @@
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
-//   compliance, compliance across, loads, curve/NAME
-//                              of joints that bend, and of one that turns: its error over its
-//                              angle; tried after all others (further.h)
+//   compliance, compliance across, loads, backlash, time offsets, curve/NAME
+//                              of joints that bend, of joints whose direction of approach the
+//                              samples state, of sensors that measured while joints moved, and of
+//                              one that turns: its error over its angle; tried after all others
+//                              (further.h)
 //   gears                      scales of all others; only on request
 //
 // A run is an unbranched row of joints. All components of their origins are members, except motion
@@ -80,12 +82,22 @@ struct UncheckedScale {
 inline const char* const kCompliance = "compliance";
 inline const char* const kComplianceAcross = "compliance across";
 inline const char* const kLoads = "loads";
+inline const char* const kBacklash = "backlash";
+inline const char* const kTimeOffsets = "time offsets";
 inline const std::string kCurve = "curve/";
 inline bool is_bending(const std::string& group) {
   return group == kCompliance || group == kComplianceAcross || group == kLoads;
 }
+inline bool is_curve(const std::string& group) {
+  return group.compare(0, kCurve.size(), kCurve) == 0;
+}
+/// Returns whether a group is one that moves the robot at given readings, whatever the conditions:
+/// a URDF needs corrected readings then.
+inline bool corrects_readings(const std::string& group) {
+  return is_bending(group) || is_curve(group);
+}
 inline bool is_further(const std::string& group) {
-  return is_bending(group) || group.compare(0, kCurve.size(), kCurve) == 0;
+  return is_bending(group) || group == kBacklash || group == kTimeOffsets || is_curve(group);
 }
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to omit.
@@ -97,6 +109,14 @@ struct GroupChoice {
 /// sample.
 std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
                                const JointModel& model);
+
+/// Returns the joints whose direction of approach some training sample states, without scanning
+/// ones.
+std::vector<int> joints_with_backlash(const Rig& rig, const std::vector<Sample>& samples);
+
+/// Returns the sensors with a view in a training sample that states rates; without chains, which
+/// measure nothing but readings.
+std::vector<int> sensors_with_rates(const Rig& rig, const std::vector<Sample>& samples);
 
 /// Returns whether two cameras are a rectified pair: on the same link, at the same pose, with
 /// different baselines.

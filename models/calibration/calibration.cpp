@@ -352,6 +352,7 @@ void Calibration::replace(int slot, const Sample& sample) {
                                 " is to be replaced by one that shows the same");
   Sample& to = samples[slot];
   to.readings = sample.readings;
+  to.conditions = sample.conditions;
   if (sample.noise.empty())
     std::fill(to.noise.begin(), to.noise.end(), 1);
   else

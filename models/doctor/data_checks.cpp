@@ -53,6 +53,7 @@ std::vector<char> placing_parameters(const ParameterTable& table) {
       case ParameterKind::joint_offset:
       case ParameterKind::joint_scale:
       case ParameterKind::joint_shape:
+      case ParameterKind::backlash:
       case ParameterKind::joint_origin:
       case ParameterKind::sensor_pose:
       case ParameterKind::target_pose:

@@ -24,21 +24,6 @@ struct Estimation::Parts {
   Eigen::Map<MatrixXd> compressed_view(const PlacedView& v, int kinematic_rows, bool compress,
                                        Scratch& local, std::vector<NoiseRows>* kinds) const;
 
-  /// Brings the kinematics of a sample to the state; with `derivatives` also the columns of its
-  /// paths.
-  bool walk(const PlacedSample& s, const VectorXd& state, Scratch& to, bool derivatives) const {
-    if (!motion.walk(s, state, to)) return false;
-    if (!derivatives) return true;
-    if (layout.rig.elasticity) differentiate(*layout.rig.elasticity->skeleton, to.bent);
-    for (size_t w = 0; w < s.layout->paths.size(); ++w) {
-      const SensorPath& path = s.layout->paths[w];
-      motion.path_columns(path, path.motion, static_cast<int>(path.places.size()), state, to,
-                          to.paths[w]);
-      if (!path.bending.empty()) motion.bending_columns(path, s, state, to, to.paths[w]);
-    }
-    return true;
-  }
-
   Layout layout;
   Motion motion;
   Rows whitened;
@@ -150,6 +135,7 @@ std::vector<char> Estimation::influencing() const {
       use(layout.table.sensor_pose[v.sensor_index]);
       for (size_t b = 0; b < v.sensor->parameters.size(); ++b)
         use(layout.table.sensor_block[v.sensor_index] + static_cast<int>(b));
+      use(layout.table.time_offset[v.sensor_index]);
       use(layout.table.target_pose[v.target_index]);
       if (!v.sensor->model->measures_pose()) {
         use(layout.table.target_square[v.target_index]);
@@ -187,7 +173,7 @@ bool Estimation::evaluate(int group, const VectorXd& state, int worker, Cost& co
   }
   const PlacedSample& s = *placed;
   Scratch& scratch = parts_->scratch[worker];
-  if (!parts_->walk(s, state, scratch, false)) return false;
+  if (!parts_->motion.walk(s, state, scratch, false)) return false;
   for (const PlacedView& v : s.views)
     if (!whitened.view_rows(v, s, state, scratch, false, cost)) return false;
   const int errors = s.errors();
@@ -225,7 +211,7 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
   const PlacedSample& s = *placed;
   Scratch& scratch = parts_->scratch[worker];
   const int size = layout.groups[group].size();
-  if (!parts_->walk(s, state, scratch, true)) return false;
+  if (!parts_->motion.walk(s, state, scratch, true)) return false;
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, scratch, true, cost)) return false;
     const int w = v.layout->columns.total + 1;
@@ -414,7 +400,7 @@ bool Estimation::Parts::group_rows(int group, const VectorXd& state, int worker,
   }
   rows.setZero(all, size + 1);
   Cost cost;
-  if (!walk(s, state, local, true)) return false;
+  if (!motion.walk(s, state, local, true)) return false;
   for (const PlacedView& v : s.views) {
     if (!whitened.view_rows(v, s, state, local, true, cost)) return false;
     const int kinematic_rows = s.layout->paths[v.layout->path].rows();
@@ -509,7 +495,7 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   out.reserve(views);
   Scratch& scratch = parts_->scratch[0];
   for (const PlacedSample& s : layout.taking_part()) {
-    const bool stands = motion.walk(s, state, scratch);
+    const bool stands = motion.walk(s, state, scratch, false);
     for (const PlacedView& v : s.views) {
       ViewResiduals r;
       r.view = v.view;

@@ -130,9 +130,10 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
   path.from = v.sensor->link;
   path.to = v.target->link >= 0 ? v.target->link : rig.base;
   if (v.model->scans()) path.scanning_joint = v.sensor->scanning_joint;
+  path.clock = table.time_offset[v.sensor_index];
   for (size_t i = 0; i < s.paths.size(); ++i)
     if (s.paths[i].from == path.from && s.paths[i].to == path.to &&
-        s.paths[i].scanning_joint == path.scanning_joint)
+        s.paths[i].scanning_joint == path.scanning_joint && s.paths[i].clock == path.clock)
       return static_cast<int>(i);
   path.steps = find_path(rig.tree, path.from, path.to);
   if (v.model->scans()) {
@@ -277,13 +278,20 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
     for (int p = table.joint_offset[drv.joint]; p < table.joint_origin[drv.joint]; ++p) {
       for (size_t i = 0; freed[p] && i < freed[p]->components.size(); ++i) {
         m.number = first + freed[p]->components[i];
-        if (k != path.scan_step &&  // whose readings are the view's points
-            !rig.joints[drv.joint].model->depends(m.number, s.pieces[drv.joint]))
+        const JointModel& model = *rig.joints[drv.joint].model;
+        if (k == path.scan_step  // whose readings are the view's points
+                ? m.number >= model.size()
+                : !depends_on(model, m.number, s.pieces[drv.joint]))
           continue;
         path.sensor_side = path.sensor_side || path.on_sensor_side(k) || k == path.scan_step;
         add(m, place_of(places, first_column[p] + static_cast<int>(i)));
       }
       first += table.all[p].size();
+    }
+    if (k != path.scan_step && path.clock >= 0 && freed[path.clock]) {
+      path.sensor_side = path.sensor_side || path.on_sensor_side(k);
+      m.source = Source::time_offset;
+      add(m, place_of(places, first_column[path.clock]));
     }
     if (k == path.scan_step || !(rig.joints[drv.joint].sigma > 0)) continue;
     path.sensor_side =
@@ -351,10 +359,14 @@ void Layout::place_bending(SensorPath& path, const std::map<int, int>& places,
     for (int p = table.joint_offset[drv.joint]; p < table.joint_origin[drv.joint]; ++p) {
       for (size_t i = 0; freed[p] && i < freed[p]->components.size(); ++i) {
         m.number = first + freed[p]->components[i];
-        if (rig.joints[drv.joint].model->depends(m.number, s.pieces[drv.joint]))
+        if (depends_on(*rig.joints[drv.joint].model, m.number, s.pieces[drv.joint]))
           add(m, j, place_of(places, first_column[p] + static_cast<int>(i)));
       }
       first += table.all[p].size();
+    }
+    if (path.clock >= 0 && freed[path.clock]) {
+      m.source = Source::time_offset;
+      add(m, j, place_of(places, first_column[path.clock]));
     }
     const auto noisy = std::find(s.noisy.begin(), s.noisy.end(), drv.joint);
     m.source = Source::error;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "../../solver/kernels.h"
+#include "../rig/conditions.h"
 #include "../rig/elasticity.h"
 #include "../rig/recording.h"
 #include "expand.h"
@@ -17,7 +18,16 @@
 namespace kincal {
 
 /// A Source is what fills columns of M.
-enum class Source { joint_number, error, origin, compliance, load, sensor_pose, target_pose };
+enum class Source {
+  joint_number,
+  error,
+  time_offset,
+  origin,
+  compliance,
+  load,
+  sensor_pose,
+  target_pose
+};
 
 struct MotionColumns {
   Source source;
@@ -36,6 +46,7 @@ struct MotionColumns {
 /// where a scanning joint lies between, what is behind it is in the frame behind.
 struct SensorPath {
   int from = -1, to = -1, scanning_joint = -1;
+  int clock = -1;  // time offset (parameter) of the sensors; -1: they have none
   Path steps;
   int scan_step = -1;                  // step of the scanning joint
   int scan_numbers = 0;                // own numbers of its model

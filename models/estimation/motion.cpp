@@ -123,12 +123,27 @@ void Motion::JointCache::set_origin(const Pose& pose, const Vector3d& axis) {
   versine = sine * skew(axis);
 }
 
-bool Motion::walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+bool Motion::walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch,
+                  bool derivatives) const {
   const bool stands = layout_.columns.empty() && s.layout->noisy.empty();
   if (stands && scratch.walked == &s && scratch.version == version_) return true;
-  motions(s, state, scratch);
-  if (layout_.rig.elasticity && !bend_joints(s, state, scratch)) return false;
-  walk_paths(s, state, scratch);
+  scratch.walked = nullptr;
+  const std::vector<SensorPath>& paths = s.layout->paths;
+  for (size_t w = 0; w < paths.size(); ++w) {
+    const SensorPath& path = paths[w];
+    if (w == 0 || path.clock != paths[w - 1].clock) {
+      motions(s, path.clock, state, scratch);
+      if (layout_.rig.elasticity) {
+        if (!bend_joints(s, state, scratch)) return false;
+        if (derivatives) differentiate(*layout_.rig.elasticity->skeleton, scratch.bent);
+      }
+    }
+    walk_path(path, state, scratch, scratch.paths[w]);
+    if (!derivatives) continue;
+    path_columns(path, path.motion, static_cast<int>(path.places.size()), state, scratch,
+                 scratch.paths[w]);
+    if (!path.bending.empty()) bending_columns(path, s, state, scratch, scratch.paths[w]);
+  }
   scratch.walked = &s;
   scratch.version = version_;
   return true;
@@ -158,18 +173,22 @@ bool Motion::bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& 
   return true;
 }
 
-/// Motions of all joints of the sample and their readings with errors.
-void Motion::motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
+/// Motions of all joints of the sample and their readings with errors, at the time of a sensor.
+void Motion::motions(const PlacedSample& s, int clock, const VectorXd& state,
+                     Scratch& scratch) const {
   const Sample& sample = layout_.recorded[s.index];
+  scratch.sample = &sample;
+  const double later = clock >= 0 ? state(layout_.table.all[clock].start) : 0;
   const auto position = [&](int j) {
     scratch.reading[j] = sample.readings[j];
+    if (clock >= 0) scratch.reading[j] += later * stated(sample.conditions.rates, j);
     if (!s.layout->noisy.empty()) {
       const auto it = std::find(s.layout->noisy.begin(), s.layout->noisy.end(), j);
       if (it != s.layout->noisy.end())
         scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.layout->noisy.begin()));
     }
-    return layout_.rig.joints[j].model->position(
-        scratch.reading[j], state.data() + layout_.table.all[layout_.table.joint_offset[j]].start);
+    return position_of(layout_.rig, j, scratch.reading[j], own_numbers(j, state),
+                       sample.conditions);
   };
   for (int j : s.layout->joints) {
     const JointCache& cache = caches_[cache_of_[j]];
@@ -208,40 +227,50 @@ Pose back(const Pose& reached, const Pose& step) {
 
 }  // namespace
 
-/// Walks the sample's paths. A step's frame is that of the joint before its motion where its origin
-/// is estimated or it bends; elsewhere one in which the joint's axis is the same.
-void Motion::walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const {
-  for (size_t w = 0; w < s.layout->paths.size(); ++w) {
-    const SensorPath& path = s.layout->paths[w];
-    PathAtState& walked = scratch.paths[w];
-    Pose reached;
-    for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
-      const int j = path.steps[k].joint;
-      const bool down = path.steps[k].direction > 0, turns = layout_.rig.tree.joints[j].has_axis();
-      const auto origin = [&] {
-        return get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start);
-      };
-      if (k == path.scan_step) {
-        // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's
-        // side; up: on the far one.
-        walked.link_T_before = down ? reached * origin() : reached;
-        walked.frames[k] = down ? walked.link_T_before : Pose();
-        reached = down ? Pose() : inverse(origin());  // from the far side on
-        continue;
-      }
-      const bool before = layout_.freed[layout_.table.joint_origin[j]] || bends(j);
-      if (before)
-        walked.frames[k] = down    ? reached * origin()
-                           : turns ? reached * inverse(scratch.motion[j])
-                                   : reached;
-      else if (!down)
-        walked.frames[k] = reached;
-      const Pose step = turns ? scratch.moved[j] : origin();
-      reached = down ? (k == 0 ? step : reached * step) : back(reached, step);
-      if (down && !before) walked.frames[k] = reached;
+/// Walks a path. A step's frame is that of the joint before its motion where its origin is
+/// estimated or it bends; elsewhere one in which the joint's axis is the same.
+void Motion::walk_path(const SensorPath& path, const VectorXd& state, const Scratch& scratch,
+                       PathAtState& walked) const {
+  Pose reached;
+  for (int k = 0; k < static_cast<int>(path.steps.size()); ++k) {
+    const int j = path.steps[k].joint;
+    const bool down = path.steps[k].direction > 0, turns = layout_.rig.tree.joints[j].has_axis();
+    const auto origin = [&] {
+      return get_pose(state, layout_.table.all[layout_.table.joint_origin[j]].start);
+    };
+    if (k == path.scan_step) {
+      // The joint itself stays out: its motion is the sensor's. Down: origin is on the sensor's
+      // side; up: on the far one.
+      walked.link_T_before = down ? reached * origin() : reached;
+      walked.frames[k] = down ? walked.link_T_before : Pose();
+      reached = down ? Pose() : inverse(origin());  // from the far side on
+      continue;
     }
-    walked.link_T_far = reached;
+    const bool before = layout_.freed[layout_.table.joint_origin[j]] || bends(j);
+    if (before)
+      walked.frames[k] = down    ? reached * origin()
+                         : turns ? reached * inverse(scratch.motion[j])
+                                 : reached;
+    else if (!down)
+      walked.frames[k] = reached;
+    const Pose step = turns ? scratch.moved[j] : origin();
+    reached = down ? (k == 0 ? step : reached * step) : back(reached, step);
+    if (down && !before) walked.frames[k] = reached;
   }
+  walked.link_T_far = reached;
+}
+
+/// d position of the column's joint / d its unknown.
+double Motion::by_column(const MotionColumns& column, const VectorXd& state,
+                         const Scratch& scratch) const {
+  const int j = column.joint;
+  const double* own = own_numbers(j, state);
+  const double reading = scratch.reading[j];
+  if (column.source == Source::error) return layout_.rig.joints[j].model->by_reading(reading, own);
+  if (column.source == Source::time_offset)
+    return layout_.rig.joints[j].model->by_reading(reading, own) *
+           stated(scratch.sample->conditions.rates, j);
+  return by_own_number(layout_.rig, j, column.number, reading, own, scratch.sample->conditions);
 }
 
 /// Columns of a path, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11,
@@ -268,13 +297,7 @@ void Motion::path_columns(const SensorPath& path, const std::vector<MotionColumn
       m(12 + column.number, column.first) += 1;
       continue;
     }
-    const JointModel& model = *layout_.rig.joints[column.joint].model;
-    const double* own =
-        state.data() + layout_.table.all[layout_.table.joint_offset[column.joint]].start;
-    const double reading = scratch.reading[column.joint];
-    const double by = column.factor * (column.source == Source::joint_number
-                                           ? model.by_own(column.number, reading, own)
-                                           : model.by_reading(reading, own));
+    const double by = column.factor * by_column(column, state, scratch);
     if (column.step != twist_step) {
       Pose frame = walked.frames[column.step];
       if (bends(step.joint))
@@ -325,13 +348,7 @@ void Motion::bending_columns(const SensorPath& path, const PlacedSample& s, cons
       }
       default: {
         if (stands_for_balance(rig, layout_.recorded[s.index].readings, j)) break;
-        const JointModel& model = *rig.joints[column.joint].model;
-        const double* own =
-            state.data() + layout_.table.all[layout_.table.joint_offset[column.joint]].start;
-        const double reading = scratch.reading[column.joint];
-        m += column.factor *
-             (column.source == Source::joint_number ? model.by_own(column.number, reading, own)
-                                                    : model.by_reading(reading, own)) *
+        m += column.factor * by_column(column, state, scratch) *
              bent_by_position(skeleton, bent, through, j, rig.tree.joints[j].axis);
       }
     }

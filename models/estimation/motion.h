@@ -2,9 +2,8 @@
 // and M, the derivative of the pose that a sensor sees by the group's unknowns. This header is for
 // the sources of this folder only.
 //
-// For each sample: walk(), then, for derivatives, path_columns() of each path; for
-// each of its views view_poses(), then kinematic_matrix(). All of them write to the worker's
-// scratch.
+// For each sample: walk(); for each of its views view_poses(), then, for derivatives,
+// kinematic_matrix(). All of them write to the worker's scratch.
 #pragma once
 
 #include <utility>
@@ -27,10 +26,11 @@ constexpr int kTurns = 3;  // arrays of ScanView::turns
 
 /// Scratch is one worker's memory for the sample at hand.
 struct alignas(kCacheLine) Scratch {
-  std::vector<Pose> motion;     // by joint
-  std::vector<Pose> moved;      // by joint: origin * motion, parent_T_child
-  std::vector<double> reading;  // by joint, error included
-  BentPosture bent;             // where joints bend
+  std::vector<Pose> motion;        // by joint
+  std::vector<Pose> moved;         // by joint: origin * motion, parent_T_child
+  const Sample* sample = nullptr;  // whose motions these are
+  std::vector<double> reading;     // by joint, error included
+  BentPosture bent;                // where joints bend
   MatrixXd by_delta;
   BendingColumns through_bending;
   std::vector<PathAtState> paths;
@@ -72,10 +72,10 @@ class Motion {
   void prepare(const VectorXd& state);
   /// Takes no walk for done any more: readings have changed.
   void forget() { ++version_; }
-  /// Computes the motions of a sample's joints and what lies along its paths. What nothing that is
-  /// estimated moves stays from the last call.
+  /// Computes the motions of a sample's joints and what lies along its paths, with `derivatives`
+  /// also the paths' columns. What nothing that is estimated moves stays from the last call.
   /// False where its joints bend and there is no equilibrium.
-  bool walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  bool walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch, bool derivatives) const;
   void path_columns(const SensorPath& path, const std::vector<MotionColumns>& program, int count,
                     const VectorXd& state, Scratch& scratch, PathAtState& walked) const;
   /// Adds to path.motion's columns what moves through bending joints.
@@ -102,12 +102,18 @@ class Motion {
 
     void set_origin(const Pose& pose, const Vector3d& axis);
   };
-  void motions(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  const double* own_numbers(int joint, const VectorXd& state) const {
+    return state.data() + layout_.table.all[layout_.table.joint_offset[joint]].start;
+  }
+  double by_column(const MotionColumns& column, const VectorXd& state,
+                   const Scratch& scratch) const;
+  void motions(const PlacedSample& s, int clock, const VectorXd& state, Scratch& scratch) const;
   bool bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   bool bends(int joint) const {
     return layout_.rig.elasticity && layout_.rig.elasticity->skeleton->index[joint] >= 0;
   }
-  void walk_paths(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
+  void walk_path(const SensorPath& path, const VectorXd& state, const Scratch& scratch,
+                 PathAtState& walked) const;
   int target_start(const PlacedView& v, const PlacedSample& s) const;
 
   const Layout& layout_;

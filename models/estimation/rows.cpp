@@ -329,7 +329,7 @@ bool Rows::renew(const VectorXd& state, Scratch& scratch) {
       white.roots.clear();
       if (!own_noise && !joints && view.covariance.empty()) continue;
       if (!walked) {
-        motion_.walk(s, state, scratch);
+        motion_.walk(s, state, scratch, false);
         walked = true;
       }
       motion_.view_poses(v, s, state, scratch);

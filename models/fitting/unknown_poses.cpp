@@ -74,7 +74,8 @@ class PoseGraph {
 
  private:
   Configuration robot(int sample) const {
-    return Configuration(rig_, table_, values_.shared, readings_[sample]);
+    return Configuration(rig_, table_, values_.shared, readings_[sample],
+                         recording_.samples[sample].conditions);
   }
   bool known_sensor(const View& v) const { return known_[table_.sensor_pose[v.sensor]]; }
   TargetPoses known_targets();

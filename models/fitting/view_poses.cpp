@@ -164,7 +164,8 @@ std::vector<Pose> proposals_of_all(const Rig& rig, const ParameterTable& table,
     const Matrix3Xd xy1 =
         seen_directions(rig, table, values, view, static_cast<int>(ids.size()), keep);
     const Pose base_T_sensor =
-        Configuration(rig, table, values, sample.readings).base_T_link(sensor.link) *
+        Configuration(rig, table, values, sample.readings, sample.conditions, view.sensor)
+            .base_T_link(sensor.link) *
         get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
     for (size_t i = 0; i < keep.size(); ++i) {
       points.push_back(all.col(ids[keep[i]]));
@@ -206,7 +207,7 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
   Matrix3Xd out(3, static_cast<Eigen::Index>(view.z.size() / 3));
   for (Eigen::Index i = 0; i < out.cols(); ++i) {
     const double* z = view.z.data() + 3 * i;
-    out.col(i) = Configuration(rig, table, values, readings)
+    out.col(i) = Configuration(rig, table, values, readings, sample.conditions, view.sensor)
                      .with(sensor.scanning_joint, z[0])
                      .base_T_link(sensor.link) *
                  link_T_sensor * TiltingLaser::measured_point(z);
@@ -223,7 +224,8 @@ std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const V
                        scanned_points(rig, table, values, sample, view))};
   }
   const Pose base_T_sensor =
-      Configuration(rig, table, values, sample.readings).base_T_link(sensor.link) *
+      Configuration(rig, table, values, sample.readings, sample.conditions, view.sensor)
+          .base_T_link(sensor.link) *
       get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   std::vector<Pose> out;
   if (memory) {

@@ -240,7 +240,8 @@ void take(AutomaticCalibration found, Report& report) {
                               !std::all_of(stage.further.begin(), stage.further.end(), is_kept);
                      }),
       report.stages.end());
-  report.rigid = report.stages.empty() ? nullptr : report.stages.front().solution;
+  const bool corrects = std::any_of(kept.begin(), kept.end(), corrects_readings);
+  report.rigid = corrects && !report.stages.empty() ? report.stages.front().solution : nullptr;
 }
 
 /// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
@@ -342,7 +343,8 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
 /// A message where groups of further models were asked for and the data speak for none of them.
 void say_no_further(const GroupChoice& choice, Report& report) {
   const Tree& tree = report.solution.rig().tree;
-  std::vector<std::string> further = {kCompliance, kComplianceAcross, kLoads};
+  std::vector<std::string> further = {kCompliance, kComplianceAcross, kLoads, kBacklash,
+                                      kTimeOffsets};
   for (const Joint& joint : tree.joints) further.push_back(kCurve + joint.name);
   for (const std::string& name : choice.with) {
     bool asked = false, found = false;

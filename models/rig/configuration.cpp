@@ -33,7 +33,8 @@ double Configuration::position(int joint) const {
   const Joint& asked = rig_->tree.joints[joint];
   if (!asked.moves()) return asked.stands_at.value_or(0);
   const Driver d = driver(rig_->tree, joint);
-  return d.factor * rig_->joints[d.joint].model->position(reading(d.joint), own_numbers(d.joint)) +
+  return d.factor * position_of(*rig_, d.joint, reading(d.joint), own_numbers(d.joint),
+                                conditions(d.joint)) +
          d.offset;
 }
 

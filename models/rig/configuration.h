@@ -1,7 +1,7 @@
 // The robot in one configuration: all poses at given values of all parameters and given readings of
 // its joints.
 //
-// The position of a joint with a reading is its model's (models/joints/joint_model.h); a follower's
+// The position of a joint with a reading is position_of() of conditions.h; a follower's
 // is that of the joint it mimics, times and plus constants (driver() of kinematics/tree.h). Every
 // joint position and link pose is computed here; the formula occurs in no other place.
 // (Derivatives: models/estimation, models/analysis/frames.)
@@ -10,6 +10,7 @@
 #include <memory>
 #include <vector>
 
+#include "conditions.h"
 #include "parameters.h"
 #include "samples.h"
 
@@ -20,10 +21,17 @@ namespace kincal {
 class Configuration {
  public:
   /// `readings` are by joint index, in rad or m. NaN means absent, which matters only if the joint
-  /// is queried.
+  /// is queried. `clock` is the sensor at whose time everything is, -1: that of the readings.
   Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                const std::vector<double>& readings)
-      : rig_(&rig), table_(&table), values_(&values), readings_(&readings) {
+                const std::vector<double>& readings, const Conditions& conditions = no_conditions(),
+                int clock = -1)
+      : rig_(&rig),
+        table_(&table),
+        values_(&values),
+        readings_(&readings),
+        conditions_(&conditions) {
+    if (clock >= 0 && table.time_offset[clock] >= 0)
+      later_ = values(table.all[table.time_offset[clock]].start);
     if (rig.elasticity) bend_joints();
   }
 
@@ -39,13 +47,21 @@ class Configuration {
   const Rig& rig() const { return *rig_; }
   const ParameterTable& table() const { return *table_; }
   const std::vector<double>& readings() const { return *readings_; }
-  double reading(int joint) const { return joint == joint_ ? reading_ : (*readings_)[joint]; }
+  double reading(int joint) const {
+    return joint == joint_ ? reading_
+                           : (*readings_)[joint] + later_ * stated(conditions_->rates, joint);
+  }
   /// Returns the parameters of a joint's model, from the offset on. The joint must have a reading.
   const double* own_numbers(int joint) const {
     return values_->data() + table_->all[table_->joint_offset[joint]].start;
   }
   /// Returns the position of a joint or follower, in rad or m; 0 for joints without an axis.
   double position(int joint) const;
+  /// Returns d position / d own_numbers()[k] of a joint with a reading.
+  double by_own_number(int joint, int k) const {
+    return kincal::by_own_number(*rig_, joint, k, reading(joint), own_numbers(joint),
+                                 conditions(joint));
+  }
   /// Returns parent_T_joint from the values.
   Pose origin(int joint) const {
     return get_pose(*values_, table_->all[table_->joint_origin[joint]].start);
@@ -80,12 +96,17 @@ class Configuration {
 
  private:
   void bend_joints();
+  const Conditions& conditions(int joint) const {
+    return joint == joint_ ? no_conditions() : *conditions_;
+  }
 
   std::shared_ptr<const BentPosture> bent_;
   const Rig* rig_;
   const ParameterTable* table_;
   const VectorXd* values_;
   const std::vector<double>* readings_;
+  const Conditions* conditions_;
+  double later_ = 0;  // s, than the readings
   int joint_ = -1;
   double reading_ = 0;
 };

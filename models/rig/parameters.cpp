@@ -28,6 +28,21 @@ std::vector<std::string> names_of(const JointNumber& number) {
   return out;
 }
 
+/// Adds the parameters of a joint's model beyond offset and scale. `add` is that of the table.
+template <class Add>
+void add_further(const JointSettings& settings, size_t joint, const std::string& prefix,
+                 const Add& add, std::vector<Parameter>& all) {
+  const std::vector<double> further = further_values(settings);
+  auto value = further.begin();
+  for (const JointNumber& n : settings.model->extra_parameters()) {
+    Parameter& p = all[add(ParameterKind::joint_shape, joint, prefix + n.name, names_of(n),
+                           std::vector<std::string>(n.count, n.unit), {value, value + n.count})];
+    value += n.count;
+    p.usual_error = n.usual_error;
+    p.yardstick = n.yardstick;
+  }
+}
+
 /// Adds compliances and loads where joints bend. `add` is that of the table.
 template <class Add>
 void add_elasticity(const Rig& rig, const Add& add, std::vector<int>& compliance,
@@ -114,16 +129,9 @@ ParameterTable::ParameterTable(const Rig& rig)
           add(ParameterKind::joint_offset, j, prefix + "offset", {""}, {unit}, {settings.offset});
       joint_scale[j] =
           add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
-      const std::vector<double> further = further_values(settings);
-      auto value = further.begin();
-      for (const JointNumber& n : settings.model->extra_parameters()) {
-        Parameter& p =
-            all[add(ParameterKind::joint_shape, j, prefix + n.name, names_of(n),
-                    std::vector<std::string>(n.count, n.unit), {value, value + n.count})];
-        value += n.count;
-        p.usual_error = n.usual_error;
-        p.yardstick = n.yardstick;
-      }
+      add_further(settings, j, prefix, add, all);
+      if (settings.backlash)
+        add(ParameterKind::backlash, j, prefix + "backlash", {""}, {unit}, {*settings.backlash});
     }
     joint_origin[j] =
         add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
@@ -141,6 +149,10 @@ ParameterTable::ParameterTable(const Rig& rig)
     sensor_block.push_back(sensor.parameters.empty() ? -1 : static_cast<int>(all.size()));
     for (const ParameterBlock& b : sensor.parameters)
       add(kind_of_block(b.name), s, prefix + b.name, b.components, b.units, b.values);
+    time_offset.push_back(sensor.time_offset
+                              ? add(ParameterKind::time_offset, s, prefix + "time_offset", {""},
+                                    {"s"}, {*sensor.time_offset})
+                              : -1);
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Target& target = rig.targets[t];
@@ -202,6 +214,12 @@ Rig centred(Rig rig) {
                     joint.further.begin() + (p.start - first));
           break;
         }
+        case ParameterKind::backlash:
+          rig.joints[p.owner].backlash = nominal.numbers[0];
+          break;
+        case ParameterKind::time_offset:
+          rig.sensors[p.owner].time_offset = nominal.numbers[0];
+          break;
         case ParameterKind::compliance:
         case ParameterKind::load:
           if (rig.elasticity)

@@ -15,6 +15,7 @@ enum class ParameterKind {
   joint_offset,
   joint_scale,
   joint_shape,  // the parameters of a joint model beyond offset and scale
+  backlash,     // of a joint, half width
   joint_origin,
   compliance,  // of a joint, about its axis and across it
   load,        // of a link that a joint moves; its owner is the joint
@@ -25,6 +26,7 @@ enum class ParameterKind {
   range_scale,  // of a sensor of points, along its rays
   range_offset,
   own_number,
+  time_offset,  // of a sensor
   target_pose,
   square,
   warp,
@@ -79,11 +81,12 @@ struct ParameterTable {
   VectorXd initial;  // the rig's values
   // Indices into `all`, -1 where there is none.
   std::vector<int> joint_offset, joint_scale,
-      joint_origin;  // by joint; the parameters of a joint's model are those from the offset on,
-                     // up to its origin
+      joint_origin;  // by joint; the parameters of a joint's position, its own numbers, are those
+                     // from the offset on, up to its origin
   std::vector<int> compliance, load;  // by joint, where joints bend
   std::vector<int> sensor_pose;       // by sensor
   std::vector<int> sensor_block;      // by sensor: its first own block; blocks follow one another
+  std::vector<int> time_offset;       // by sensor
   std::vector<int> target_pose, target_square, target_warp, target_points;  // by target
   std::vector<int> sensor_mount, target_mount;  // the calibrated mount: its pose, or
                                                 // the origin that replaces it

@@ -34,6 +34,7 @@ struct JointSettings {
                                      // have the model's default (further_values())
   double noise_guess = 0;  // the noise is not stated: the automatic path estimates it, starting
                            // with this; 0: it is stated
+  std::optional<double> backlash = {};  // half width, rad or m (conditions.h); none: no parameter
 };
 
 struct Target {
@@ -64,11 +65,12 @@ struct Sensor {
   int pose_of = -1;      // an earlier sensor with the same pose (a rectified pair); -1: none
   std::shared_ptr<const SensorModel> model;
   std::vector<ParameterBlock> parameters;
-  std::vector<double> sigma;              // model->sigmas() values
-  std::vector<double> noise_guess;        // the noise is not stated: it is estimated, starting
-                                          // with these; empty: it is stated
-  int scanning_joint = -1;                // of a scanning sensor
-  int image_width = 0, image_height = 0;  // of a camera, 0: unknown
+  std::vector<double> sigma;               // model->sigmas() values
+  std::vector<double> noise_guess;         // the noise is not stated: it is estimated, starting
+                                           // with these; empty: it is stated
+  int scanning_joint = -1;                 // of a scanning sensor
+  std::optional<double> time_offset = {};  // s (conditions.h); none: no parameter
+  int image_width = 0, image_height = 0;   // of a camera, 0: unknown
 };
 
 /// A PriorSetting is a prior as written: one sigma for all components, or separate ones for the

@@ -68,13 +68,29 @@ struct View {
   std::vector<Matrix3d> covariance;  // `point` sensors: one per point instead of sigma, or empty
 };
 
+/// Conditions are what the positions of a sample's joints depend on beside their readings
+/// (conditions.h). Lists are by joint index, or empty.
+struct Conditions {
+  std::vector<double> approach;  // direction of the last motion, +1 or -1; 0: not stated
+  std::vector<double> rates;     // of the readings, rad/s or m/s; 0: it stands, or is not stated
+
+  bool empty() const { return approach.empty() && rates.empty(); }
+};
+
+/// Returns conditions that state nothing.
+inline const Conditions& no_conditions() {
+  static const Conditions none;
+  return none;
+}
+
 /// A Sample is one posture of the robot with all its views.
 struct Sample {
   std::string id;
   std::optional<double> time;
   std::vector<double> readings;  // by joint index, NaN: not in the sample
-  std::vector<double> noise;     // by joint index: sigma of this reading over the rig's sigma of
-                                 // the joint; empty: 1 for all
+  Conditions conditions;
+  std::vector<double> noise;  // by joint index: sigma of this reading over the rig's sigma of
+                              // the joint; empty: 1 for all
   std::vector<View> views;
   bool train = true;  // else held out
 };

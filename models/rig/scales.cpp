@@ -24,6 +24,8 @@ constexpr Size plain(Decimal x, double divisor = 1) {
 constexpr Size percent(Decimal x) { return {static_cast<double>(x) / 100, true}; }
 constexpr Size operator""_mm(Whole x) { return plain(x, 1000); }
 constexpr Size operator""_mm(Decimal x) { return plain(x, 1000); }
+constexpr Size operator""_ms(Whole x) { return plain(x, 1000); }
+constexpr Size operator""_mrad(Decimal x) { return plain(x, 1000); }
 constexpr Size operator""_cm(Whole x) { return plain(x, 100); }
 constexpr Size operator""_mrad(Whole x) { return plain(x, 1000); }
 constexpr Size operator""_deg(Whole x) { return {static_cast<double>(x) * kPi / 180, false}; }
@@ -44,6 +46,7 @@ using K = ParameterKind;
 // joint_offset: zeros are set to some mrad in a factory, by a mark on the housing to 3 degrees.
 // joint_scale: teeth are counted, so a ratio is right to 0.1 %; belts and hobby servos are not. 0.3
 //   % off is another gear or encoder.
+// backlash: gears of arms have an arc minute or two, worn ones and hobby servos ten times that.
 // joint_origin: links are machined; 2.5 times their width is a number mistyped in the URDF.
 // compliance: drives of arms yield by some urad/Nm. load: links weigh some kilograms, and reach
 // some
@@ -55,6 +58,8 @@ using K = ParameterKind;
 // distortion: many rigs have lenses without any, and k3 is large where k1 is not (width); restarts
 //   with as much fold points over (usual). xi and alpha of fisheyes are known to that, too; a chip
 //   stands straight to a degree (rad: tau).
+// time_offset: clocks of one computer are right to milliseconds; a picture is stamped when it
+//   arrives, exposure and transfer too late.
 // square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not
 // measured. range: depth cameras and lidars are sold as right to half a percent and some
 //   millimetres; used ones are off by more. own_number: nothing is known but the unit.
@@ -67,6 +72,8 @@ constexpr ScaleRow kScaleRows[] = {
     {K::joint_shape,  "rad", no,     no,      1_deg,  no,    no,     no,     no,   no,     0.25_n},
     {K::joint_shape,  "m",   no,     no,      1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::joint_shape,  "",    no,     no,      0.01_n, no,    no,     no,     no,   no,     no},
+    {K::backlash,     "rad", 0.5_mrad, 2_mrad, 1_deg, no,    no,     no,     no,   no,     0.25_n},
+    {K::backlash,     "m",   0.1_mm, 0.5_mm,  1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::joint_origin, "rad", 2_mrad, 5_deg,   1_deg,  3_deg, 30_deg, no,     no,   10_deg, 0.25_n},
     {K::joint_origin, "m",   1_mm,   5_cm,    1_cm,   3_cm,  30_cm,  2.5_mm, no,   10_cm,  25_cm},
     {K::compliance, "rad/Nm", no,    1e-5_n,  1e-5_n, no,    no,     no,     no,   no,     no},
@@ -85,6 +92,7 @@ constexpr ScaleRow kScaleRows[] = {
     {K::own_number,   "m",   no,     5_cm,    1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::own_number,   "px",  no,     0.05_n,  10_n,   no,    no,     no,     no,   no,     no},
     {K::own_number,   "",    no,     0.05_n,  0.01_n, no,    no,     no,     no,   no,     no},
+    {K::time_offset,  "s",   10_ms,  20_ms,   10_ms,  no,    no,     no,     no,   no,     no},
     {K::square,       "m",   1_pc,   1_pc,    1_pc,   no,    no,     0.5_pc, 3_pc, 1.5_pc, 25_pc},
     {K::warp,         "m",   0.5_mm, 2_mm,    1_mm,   no,    no,     no,     no,   no,     no},
     {K::points,       "m",   no,     1_cm,    1_cm,   no,    no,     no,     no,   1.5_pc, 25_cm},

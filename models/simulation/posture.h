@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "../../kinematics/transform.h"
+#include "../rig/samples.h"
 
 namespace kincal {
 
@@ -14,6 +14,7 @@ namespace kincal {
 struct Posture {
   std::string id;
   std::vector<double> readings;  // true readings, by joint index, NaN: absent
+  Conditions conditions;
   std::vector<std::pair<int, int>>
       views;                    // (sensor, target) in the samples' order; empty: all possible ones
   std::map<int, Pose> targets;  // base_T_target of free targets that no chain holds

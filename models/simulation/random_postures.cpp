@@ -107,6 +107,7 @@ Posture RandomPostures::random_posture(int k) {
     const auto [low, high] = usual_range(rig_.tree.joints[j]);
     posture.readings[j] = draws_.uniform(low, high);
   }
+  posture.conditions = draw_conditions(rig_, seed_, k);
   return posture;
 }
 
@@ -118,6 +119,7 @@ std::optional<Draft> RandomPostures::attempt(int k, const PostureGroup& group,
   if (group.holder < 0 && group.target >= 0) {
     Sample robot;
     robot.readings = posture.readings;
+    robot.conditions = posture.conditions;
     const int before =
         goal ? goal->first : group.observers[draws_.index(group.observers.size())].first;
     posture.targets[group.target] = world_.place(robot, before, group.target, draws_);
@@ -138,6 +140,7 @@ std::optional<Draft> RandomPostures::reach(int k, const PostureGroup& group,
                      rig_.sensors[goal.first].scanning_joint);
   Sample robot;
   robot.readings = posture.readings;
+  robot.conditions = posture.conditions;
   const Pose wanted = world_.sensor_T_target(robot, goal.first,
                                              world_.place(robot, goal.first, goal.second, draws_));
   const auto off = [&] {

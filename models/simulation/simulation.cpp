@@ -204,6 +204,7 @@ Simulation simulate(const Rig& rig, const ParameterTable& table, const VectorXd&
         const std::string id = posture.id + "_" + std::to_string(k / count + 1);
         for (posture.id = id; !ids.insert(posture.id).second;) posture.id += "_";
       }
+      if (posture.conditions.empty()) posture.conditions = draw_conditions(rig, options.seed, k);
       const bool listed = !posture.views.empty();
       draft = world.carry_out(
           posture, listed ? posture.views : views_of(rig, posture, pairs, k), listed,

@@ -3,12 +3,13 @@
 //
 // Truth and noise. The true position of a joint is  scale * true reading + offset  at the true
 // parameters; its logged reading is the true one plus N(0, sigma), one draw per joint and sample,
-// common to all views of the sample. The true pose of a target held by a chain is link_T_target E,
-// one that a `pose` sensor sees is measured at sensor_T_target E^-1; translation of E and Log of
-// its rotation are N(0, sigma), so that the residuals of models/sensors/pose.h are exactly that. A
-// ray's true reading t, bearing and range come from where the point crosses the scan plane (z = 0
-// in the sensor's frame): with n the plane's normal, c its offset, u the axis, x the point, in the
-// joint's frame,
+// common to all views of the sample. Conditions that the rig's parameters depend on
+// (models/rig/conditions.h) are drawn if a posture states none, and logged without noise. The true
+// pose of a target held by a chain is link_T_target E, one that a `pose` sensor sees is measured at
+// sensor_T_target E^-1; translation of E and Log of its rotation are N(0, sigma), so that the
+// residuals of models/sensors/pose.h are exactly that. A ray's true reading t, bearing and range
+// come from where the point crosses the scan plane (z = 0 in the sensor's frame): with n the
+// plane's normal, c its offset, u the axis, x the point, in the joint's frame,
 //     prismatic:  n.(x + q u) + c = 0,      rotation:  A cos q + B sin q + C = 0,
 //     A = n.(x - u (u.x)),  B = n.(u x x),  C = (n.u)(u.x) + c;
 //     t = (direction q - offset) / scale.

@@ -18,6 +18,27 @@ constexpr int kArc = 8;  // directions between the axis and a point where a lens
 
 }  // namespace
 
+Conditions draw_conditions(const Rig& rig, std::uint64_t seed, int k) {
+  RandomStream draws(seed, kFirstConditionsStream + static_cast<std::uint64_t>(k));
+  Conditions out;
+  constexpr double kRate = 0.5, kSlideRate = 0.1;  // rad/s, m/s, at most
+  const size_t joints = rig.joints.size();
+  for (size_t j = 0; j < joints; ++j) {
+    if (!rig.joints[j].backlash) continue;
+    out.approach.resize(joints, 0);
+    out.approach[j] = draws.uniform() < 0.5 ? -1 : 1;
+  }
+  if (std::none_of(rig.sensors.begin(), rig.sensors.end(),
+                   [](const Sensor& s) { return s.time_offset.has_value(); }))
+    return out;
+  out.rates.resize(joints, 0);
+  for (size_t j = 0; j < joints; ++j)
+    if (rig.tree.joints[j].has_reading())
+      out.rates[j] = (rig.tree.joints[j].type == JointType::prismatic ? kSlideRate : kRate) *
+                     draws.uniform(-1, 1);
+  return out;
+}
+
 World::World(const Rig& rig, const ParameterTable& table, const VectorXd& truth)
     : rig_(rig), table_(table), truth_(truth) {
   for (int t = 0; t < static_cast<int>(rig.targets.size()); ++t)
@@ -118,8 +139,8 @@ bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base
       std::find_if(path.begin(), path.end(), [&](const PathStep& p) { return p.joint == j; });
   const double* own = truth_.data() + table_.all[table_.joint_offset[j]].start;
   const Pose origin = get_pose(truth_, table_.all[table_.joint_origin[j]].start);
-  const Pose base_T_parent = at(robot).with(j, 0).base_T_link(joint.parent);
-  const Pose base_T_child = at(robot).with(j, 0).base_T_link(joint.child);
+  const Pose base_T_parent = at(robot, view.first).with(j, 0).base_T_link(joint.parent);
+  const Pose base_T_child = at(robot, view.first).with(j, 0).base_T_link(joint.child);
   const Pose sensor_T_base = inverse(base_T_sensor(robot, view.first, 0));
   const bool down =
       step->direction > 0;  // from the base; from the sensor it is the other way round
@@ -215,12 +236,14 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
   draft.targets = posture.targets;
   draft.sample.id = posture.id;
   draft.sample.readings = posture.readings;
+  draft.sample.conditions = posture.conditions;
   for (size_t j = 0; j < posture.readings.size(); ++j)
     if (!std::isnan(posture.readings[j]))
       draft.sample.readings[j] += rig_.joints[j].sigma * noise.normal();
 
   Sample robot;
   robot.readings = posture.readings;
+  robot.conditions = posture.conditions;
   std::map<int, int> holders;  // by free target
   for (const SensorTarget& v : views) {
     if (!is_chain(rig_.sensors[v.first]) || rig_.targets[v.second].link >= 0 ||
@@ -247,7 +270,7 @@ Draft World::carry_out(const Posture& posture, const std::vector<SensorTarget>& 
                                       : "it is placed, not held";
     } else {
       const Pose base_T_target =
-          target.link < 0 ? draft.targets.at(v.second) : at(robot).base_T_target(v.second);
+          target.link < 0 ? draft.targets.at(v.second) : at(robot, v.first).base_T_target(v.second);
       seen = look(robot, v, base_T_target, listed, view.z, why);
     }
     if (!seen) {

@@ -18,7 +18,17 @@ namespace kincal {
 using SensorTarget = std::pair<int, int>;  // (sensor, target)
 
 /// A DrawStream is one of the streams of draws of one seed; those of the samples follow each other.
-enum DrawStream : std::uint64_t { kTruthStream, kPostureStream, kFirstSampleStream };
+enum DrawStream : std::uint64_t {
+  kTruthStream,
+  kPostureStream,
+  kFirstSampleStream,
+  kFirstConditionsStream = std::uint64_t{1} << 40
+};
+
+/// Returns the conditions of sample k: those on which a parameter of the rig depends. Each joint
+/// that has a backlash was approached from either side; if a sensor has a time offset, joints turn
+/// by up to 0.5 rad/s and slide by up to 0.1 m/s.
+Conditions draw_conditions(const Rig& rig, std::uint64_t seed, int k);
 
 inline bool is_chain(const Sensor& sensor) {
   return sensor.model->measurement_kind() == MeasurementKind::chain;
@@ -55,7 +65,7 @@ class World {
   Pose place(const Sample& robot, int sensor, int target, RandomStream& draws) const;
   /// Returns where a sensor has a mounted target.
   Pose sensor_T_target(const Sample& robot, int sensor, int target) const {
-    return inverse(base_T_sensor(robot, sensor)) * at(robot).base_T_target(target);
+    return inverse(base_T_sensor(robot, sensor)) * at(robot, sensor).base_T_target(target);
   }
   /// Returns where a sensor has it that stands at base_T_target.
   Pose sensor_T_target(const Sample& robot, int sensor, const Pose& base_T_target) const {
@@ -63,11 +73,14 @@ class World {
   }
 
  private:
-  Configuration at(const Sample& robot) const {
-    return Configuration(rig_, table_, truth_, robot.readings);
+  /// The robot when a sensor measures.
+  Configuration at(const Sample& robot, int sensor) const {
+    return Configuration(rig_, table_, truth_, robot.readings, robot.conditions, sensor);
   }
   Pose base_T_sensor(const Sample& robot, int sensor, double scan_reading = 0) const {
-    return at(robot).with(rig_.sensors[sensor].scanning_joint, scan_reading).base_T_sensor(sensor);
+    return at(robot, sensor)
+        .with(rig_.sensors[sensor].scanning_joint, scan_reading)
+        .base_T_sensor(sensor);
   }
   const double* own_numbers(int sensor) const {
     const int block = table_.sensor_block[sensor];

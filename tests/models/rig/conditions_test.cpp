@@ -1,0 +1,146 @@
+// models/rig/conditions.h: positions that depend on the conditions of a sample, in estimation,
+// Configuration and simulation.
+//
+// Proves: every derivative of an Estimation of the nasty robot with backlash and time offsets,
+// column by column, with followers, a scanning joint and errors of readings, stiff and bending, in
+// samples with and without conditions; residuals of simulated samples (simulation walks by
+// Configuration) are noise at the truth, and are not without their conditions. Does not prove: that
+// gears and clocks are so; what the automatic path keeps (tests/program/conditions_test.py).
+#include "../../../models/rig/conditions.h"
+
+#include <catch2/catch.hpp>
+#include <cmath>
+
+#include "../../../models/rig/elasticity.h"
+#include "../../../models/simulation/simulation.h"
+#include "../../fixtures/open_recording.h"
+#include "../../fixtures/random.h"
+#include "../../fixtures/rigs.h"
+#include "../../fixtures/samples.h"
+#include "../../fixtures/stacked.h"
+
+namespace conditions_test {
+
+using namespace kincal;
+using namespace kincal::fixture;
+
+namespace {
+
+/// The nasty robot with play in joints of every kind, and sensors with clocks of their own.
+Rig late_robot(bool bends) {
+  Rig rig = nasty_robot();
+  Random random(11);
+  for (const char* joint : {"pan", "elbow", "slide", "turn", "scan", "lift"})
+    rig.joints[joint_index(rig, joint)].backlash = random.uniform(-0.02, 0.02);
+  for (Sensor& sensor : rig.sensors)
+    if (sensor.model->measurement_kind() != MeasurementKind::chain)
+      sensor.time_offset = random.uniform(-0.02, 0.02);
+  if (!bends) return rig;
+  rig.base = rig.tree.root;
+  rig.elasticity = nominal_elasticity(rig);
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j)
+    if (rig.elasticity->skeleton->index[j] >= 0)
+      for (int c = 0; c < 3; ++c) rig.elasticity->compliance[j](c) = random.uniform(-2e-3, 2e-3);
+  return rig;
+}
+
+struct Late : OpenRecording {
+  Values values;
+
+  explicit Late(bool bends) : OpenRecording(late_robot(bends)) {
+    std::vector<TruePosture> postures;
+    samples = nasty_samples(rig, 3, 43, &postures);
+    Random random(12);
+    for (size_t s = 0; s + 1 < samples.size(); ++s) {  // the last one states nothing
+      samples[s].conditions.approach.resize(rig.joints.size());
+      samples[s].conditions.rates.resize(rig.joints.size());
+      for (size_t j = 0; j < rig.joints.size(); ++j) {
+        samples[s].conditions.approach[j] = random.uniform(-1, 1) < 0 ? -1 : 1;
+        samples[s].conditions.rates[j] = random.uniform(-1, 1);
+      }
+    }
+    values.shared = table.initial;
+    for (size_t s = 0; s < samples.size(); ++s)
+      for (const auto& [target, board] : postures[s].boards)
+        values.targets[{static_cast<int>(s), target}] = to_pose(board);
+  }
+};
+
+}  // namespace
+
+TEST_CASE("conditions: every derivative of an estimation") {
+  for (const bool bends : {false, true}) {
+    const Late s(bends);
+    EstimationSetup setup;
+    setup.noise = NoiseMode::latent;
+    setup.sensors = all_sensors(s.rig);
+    setup.free = freed(s.table, {"joint/*/backlash", "sensor/*/time_offset", "joint/*/offset",
+                                 "joint/*/scale", "joint/flange/origin", "joint/pan/origin"});
+    Estimation problem(s, s.training(), setup);
+    problem.set_workers(1);
+    const VectorXd state = problem.pack(s.values);
+    problem.renew(state);
+    problem.prepare(state);
+    const Stacked analytic = stack(problem, state);
+    const MatrixXd numeric = stacked_differences(problem, state, 1e-5);
+    int touched = 0;
+    for (Eigen::Index k = 0; k < analytic.j.cols(); ++k) {
+      const std::string name = k >= analytic.privates
+                                   ? problem.column_name(static_cast<int>(k - analytic.privates))
+                                   : "private";
+      INFO("column " << k << " " << name << " bends " << bends);
+      CHECK((analytic.j.col(k) - numeric.col(k)).norm() <= 1e-6 * numeric.col(k).norm() + 1e-5);
+      touched += numeric.col(k).norm() > 0 && (name.find("backlash") != std::string::npos ||
+                                               name.find("time_offset") != std::string::npos);
+    }
+    CHECK(touched > 8);
+  }
+}
+
+TEST_CASE("conditions: simulated samples fit at the truth, with what they state only") {
+  Rig rig;
+  add_link(rig, "base");
+  rig.base = 0;
+  const auto at = [](double x, double z) { return Pose{Matrix3d::Identity(), {x, 0, z}}; };
+  add_joint(rig, JointType::revolute, "a", "base", "upper", Vector3d::UnitZ(), at(0, 0.3), 1e-5);
+  add_joint(rig, JointType::revolute, "b", "upper", "fore", Vector3d::UnitY(), at(0.4, 0), 1e-5);
+  add_joint(rig, JointType::prismatic, "c", "fore", "hand", Vector3d::UnitX(), at(0.3, 0), 1e-5);
+  Eigen::Matrix3Xd points(3, 3);
+  points << 0, 0.1, 0, 0, 0, 0.1, 0.1, 0, 0;
+  add_points(rig, "ball", points, "hand", at(0.1, 0));
+  add_tracker(rig, "tracker", "base", at(1, 1), Vector3d::Constant(1e-5));
+  finish_tree(rig.tree);
+  rig.joints.resize(rig.tree.joints.size());
+  for (JointSettings& joint : rig.joints) joint.backlash = 2e-3;
+  rig.sensors[0].time_offset = 5e-3;
+  const ParameterTable table(rig);
+  CHECK(table.initial(table.all[table.time_offset[0]].start) == 5e-3);
+  CHECK(table.select("joint/b/backlash").size() == 1);
+
+  SimulationOptions options;
+  options.samples = 40;
+  std::vector<Sample> samples = simulate(rig, table, table.initial, options).samples;
+  const auto chi2_per_row = [&] {
+    const Recording recording(rig, samples);
+    EstimationSetup setup;
+    setup.sensors = {0};
+    const Estimation problem(recording, recording.training(), setup);
+    Values values;
+    values.shared = table.initial;
+    double sum = 0, rows = 0;
+    for (const ViewResiduals& view : problem.residuals(problem.pack(values))) {
+      sum += view.whitened.squaredNorm();
+      rows += static_cast<double>(view.whitened.size());
+    }
+    return sum / rows;
+  };
+  CHECK(chi2_per_row() < 5);  // noise of points and of readings
+  std::vector<Sample> stated = samples;
+  for (Sample& sample : samples) sample.conditions.approach.clear();
+  CHECK(chi2_per_row() > 1000);
+  samples = stated;
+  for (Sample& sample : samples) sample.conditions.rates.clear();
+  CHECK(chi2_per_row() > 1000);
+}
+
+}  // namespace conditions_test
