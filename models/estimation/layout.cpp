@@ -221,10 +221,10 @@ int Layout::place_sum(const ViewLayout& v, const GroupShape& shape) {
     found.own.push_back({own.column, shape.columns[own.place - k], own.sign});
   const auto it = std::find(sums.begin(), sums.end(), found);
   if (it != sums.end()) return static_cast<int>(it - sums.begin());
-  const std::vector<int>& columns = found.kinematic;
-  found.runs.assign(columns.size(), 1);
-  for (size_t i = columns.size(); i-- > 1;)
-    if (columns[i] == columns[i - 1] + 1) found.runs[i - 1] = found.runs[i] + 1;
+  const std::vector<int>& kinematic = found.kinematic;
+  found.runs.assign(kinematic.size(), 1);
+  for (size_t i = kinematic.size(); i-- > 1;)
+    if (kinematic[i] == kinematic[i - 1] + 1) found.runs[i - 1] = found.runs[i] + 1;
   sums.push_back(std::move(found));
   return static_cast<int>(sums.size()) - 1;
 }

@@ -14,11 +14,11 @@ namespace kincal {
 struct Posture {
   std::string id;
   std::vector<double> readings;  // true readings, by joint index, NaN: absent
-  Conditions conditions;
   std::vector<std::pair<int, int>>
       views;                    // (sensor, target) in the samples' order; empty: all possible ones
   std::map<int, Pose> targets;  // base_T_target of free targets that no chain holds
   std::vector<double> from{};   // readings that the robot comes from; empty: it does not matter
+  Conditions conditions{};
 };
 
 /// A DroppedView is a requested view that is not possible.
