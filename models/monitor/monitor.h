@@ -104,8 +104,8 @@ class Monitor {
   /// finite
   Innovation add(const Sample& sample);
   /// The same into `to`, whose memory is used again. The first sample of a form (the same views of
-  /// the same points) allocates, and so do samples of which the start of a free target needs
-  /// pixels, samples that no start explains, and outliers during an alarm; others do not.
+  /// the same points) allocates, and so do samples whose free target starts from pixels, samples
+  /// that no start explains, and outliers during an alarm; others do not.
   void add(const Sample& sample, Innovation& to);
 
   /// Returns the groups that may have moved, most likely first.
