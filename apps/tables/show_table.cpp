@@ -136,7 +136,8 @@ std::string change_table(const Field& result) {
       const double sigma = number_or_unknown(p["sigma"].item(c));
       if (sigma == 0) continue;  // held
       const Unit unit = shown(units[c]);
-      const double change = after[c] - before[c];
+      double change = after[c] - before[c];
+      if (std::isfinite(sigma) && std::abs(change) < 1e-6 * sigma) change = 0;  // rounding
       changes.push_back(
           {weight_of(change, units[c]),
            std::abs(change),
