@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 
 #include "../rig/numbers.h"
@@ -123,23 +124,6 @@ struct FurtherRecord {
   }
 };
 
-/// Calibrates with what a trial found, and keeps it if none of its groups lost its evidence.
-void adopt(Model next, const FurtherTrial& trial, Model& model, Calibrated& best,
-           FurtherRecord& record) {
-  if (trial.groups.empty()) return;
-  next = grown(std::move(next), trial, best);
-  Calibrated found = calibrate_groups(next);
-  if (!found.found.solution.usable() ||
-      !std::all_of(trial.groups.begin(), trial.groups.end(),
-                   [&](const std::string& g) { return is_kept(found.found, g); })) {
-    for (const std::string& g : trial.groups) record.set_lost(g);
-    return;
-  }
-  record.add_stage(model, best);
-  model = std::move(next);
-  best = std::move(found);
-}
-
 /// Compliances about the axes, then those across them, then loads.
 void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> tried = best.fit.groups.further;
@@ -165,46 +149,32 @@ void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
       trial = std::move(found);
       next = std::move(one);
     }
-    adopt(std::move(next), trial, model, best, record);
+    if (trial.groups.empty()) continue;
+    next = grown(std::move(next), trial, best);
+    Calibrated found = calibrate_groups(next);
+    if (!found.found.solution.usable() ||
+        !std::all_of(trial.groups.begin(), trial.groups.end(),
+                     [&](const std::string& g) { return is_kept(found.found, g); })) {
+      for (const std::string& g : trial.groups) record.set_lost(g);
+      continue;
+    }
+    record.add_stage(model, best);
+    model = std::move(next);
+    best = std::move(found);
   }
 }
 
-/// What the conditions of the samples add.
-void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
-  const std::vector<std::string> tried = best.fit.groups.further;
-  for (const char* const name : {kBacklash, kTimeOffsets}) {
-    if (!is_among(tried, name)) continue;
-    model.options.progress.stage(name);
-    Model next = model;
-    next.recording =
-        name == kBacklash ? with_backlash(*model.recording) : with_time_offsets(*model.recording);
-    const FurtherTrial trial =
-        try_model(best.fit, further_model(next, best.fit), *best.found.solution.recording);
-    record.add(trial.tried);
-    adopt(std::move(next), trial, model, best, record);
-  }
-}
-
-/// Error curves of the joints.
-void add_curves(Model& model, Calibrated& best, FurtherRecord& record) {
-  std::vector<std::string> names;
-  for (const std::string& name : best.fit.groups.further)
-    if (is_curve(name)) names.push_back(name);
-  const auto curved = [&](const std::vector<std::string>& groups) {
-    std::vector<int> joints;
-    for (const std::string& name : groups)
-      joints.push_back(model.recording->rig.tree.find_joint(name.substr(kCurve.size())));
-    Model out = model;
-    out.recording = with_curves(*model.recording, joints);
-    return out;
-  };
+/// Tries groups together, each on top of those with more evidence; calibrates with those that help,
+/// again without those that lose their evidence. `with` adds the models of groups.
+void add_together(const std::vector<std::string>& names,
+                  const std::function<Model(const std::vector<std::string>&)>& with, Model& model,
+                  Calibrated& best, FurtherRecord& record) {
   if (names.empty()) return;
-  model.options.progress.stage("error curves of joints");
   FurtherTrial trial =
-      try_model(best.fit, further_model(curved(names), best.fit), *best.found.solution.recording);
+      try_model(best.fit, further_model(with(names), best.fit), *best.found.solution.recording);
   record.add(trial.tried);
   while (!trial.groups.empty()) {
-    Model next = grown(curved(trial.groups), trial, best);
+    Model next = grown(with(trial.groups), trial, best);
     Calibrated found = calibrate_groups(next);
     const bool usable = found.found.solution.usable();
     std::vector<std::string> kept;
@@ -221,6 +191,44 @@ void add_curves(Model& model, Calibrated& best, FurtherRecord& record) {
     best = std::move(found);
     return;
   }
+}
+
+/// What the conditions of the samples add. Each may hide the other: what was not kept is tried
+/// again beside what was.
+void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
+  const std::vector<std::string> possible = best.fit.groups.further;
+  const auto with = [&](const std::vector<std::string>& groups) {
+    Model out = model;
+    if (is_among(groups, kBacklash)) out.recording = with_backlash(*out.recording);
+    if (is_among(groups, kTimeOffsets)) out.recording = with_time_offsets(*out.recording);
+    return out;
+  };
+  model.options.progress.stage("backlash and time offsets");
+  const std::vector<std::string>& kept = model.options.begin.further;
+  for (size_t before = kept.size() + 1; before != kept.size();) {
+    before = kept.size();
+    std::vector<std::string> names;
+    for (const char* const name : {kBacklash, kTimeOffsets})
+      if (is_among(possible, name) && !is_among(kept, name)) names.emplace_back(name);
+    add_together(names, with, model, best, record);
+  }
+}
+
+/// Error curves of the joints.
+void add_curves(Model& model, Calibrated& best, FurtherRecord& record) {
+  std::vector<std::string> names;
+  for (const std::string& name : best.fit.groups.further)
+    if (is_curve(name)) names.push_back(name);
+  model.options.progress.stage("error curves of joints");
+  const auto with = [&](const std::vector<std::string>& groups) {
+    std::vector<int> joints;
+    for (const std::string& name : groups)
+      joints.push_back(model.recording->rig.tree.find_joint(name.substr(kCurve.size())));
+    Model out = model;
+    out.recording = with_curves(*model.recording, joints);
+    return out;
+  };
+  add_together(names, with, model, best, record);
 }
 
 }  // namespace
@@ -242,8 +250,8 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   Calibrated best = calibrate_groups(model);
   if (best.found.solution.usable()) {
     FurtherRecord record;
+    add_conditions(model, best, record);  // (nothing else looks like what a sample states)
     bend_joints(model, best, record);
-    add_conditions(model, best, record);
     add_curves(model, best, record);
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);
