@@ -31,6 +31,10 @@ struct Terms {
   }
 };
 
+bool is_term(const Parameter& p, int joint) {
+  return p.kind == ParameterKind::joint_shape && p.owner == joint;
+}
+
 void set_unknown(Eigen::Index k, MatrixXd& covariance) {
   covariance.row(k).setConstant(kNan);
   covariance.col(k).setConstant(kNan);
@@ -38,7 +42,7 @@ void set_unknown(Eigen::Index k, MatrixXd& covariance) {
 
 Terms terms_of(const Solution& solution, int joint) {
   const ParameterTable& table = solution.table();
-  const int first = table.joint_offset[joint] + 2, start = table.all[first - 2].start;
+  const int start = table.all[table.joint_offset[joint]].start;
   Terms out;
   out.model = solution.rig().joints[joint].model.get();
   out.own = solution.values.shared.segment(start, out.model->size());
@@ -52,7 +56,7 @@ Terms terms_of(const Solution& solution, int joint) {
   std::vector<std::pair<Eigen::Index, Eigen::Index>> own_columns;  // further parameter, column
   for (size_t i = 0; i < columns.size() && covariance.rows() > 0; ++i) {
     const Parameter& p = table.all[columns[i].parameter];
-    if (columns[i].parameter >= first && columns[i].parameter < table.joint_origin[joint])
+    if (is_term(p, joint))
       own_columns.push_back({p.start + columns[i].index - start - 2, static_cast<Eigen::Index>(i)});
   }
   for (const auto& [a, i] : own_columns) {
@@ -61,8 +65,7 @@ Terms terms_of(const Solution& solution, int joint) {
   }
   for (const ParameterEstimate& e : solution.parameters)
     for (size_t c = 0; c < e.sigma.size(); ++c)
-      if (e.parameter >= first && e.parameter < table.joint_origin[joint] &&
-          std::isnan(e.sigma[c])) {
+      if (is_term(table.all[e.parameter], joint) && std::isnan(e.sigma[c])) {
         const Eigen::Index k =
             table.all[e.parameter].start + static_cast<Eigen::Index>(c) - start - 2;
         set_unknown(k, out.covariance);

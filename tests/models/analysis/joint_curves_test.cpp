@@ -50,7 +50,9 @@ Solution solution_at(Rig rig, const std::vector<double>& readings) {
 }  // namespace
 
 TEST_CASE("a quadratic term, and its sigma") {
+  const bool backlash = GENERATE(false, true);  // which is no term of the curve
   Rig rig = arm();
+  if (backlash) rig.joints[joint_index(rig, "elbow")].backlash = 0.001;
   rig.tree.joints[joint_index(rig, "elbow")].lower = -1;
   rig.tree.joints[joint_index(rig, "elbow")].upper = 1.5;
   bend_joint(rig, "elbow", 0.01);
@@ -59,6 +61,10 @@ TEST_CASE("a quadratic term, and its sigma") {
   solution.columns = {{offset, 0}, {offset + 2, 0}};
   solution.covariance.resize(2, 2);
   solution.covariance << 1, 0.5, 0.5, 9e-6;
+  if (backlash) {
+    solution.columns.push_back({offset + 3, 0});
+    solution.covariance.conservativeResizeLike(MatrixXd::Identity(3, 3));
+  }
   const std::vector<JointCurve> curves = joint_curves(solution);
   REQUIRE(curves.size() == 1);
   const JointCurve& curve = curves[0];
