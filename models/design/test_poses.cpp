@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 namespace kincal {
 namespace {
@@ -32,10 +33,10 @@ bool inside(const Cube& cube, const ReachPoint& reach) {
 Cube largest_of_lattice(const Vector3d& low, const Vector3d& size, double step,
                         const ReachPoint& reach) {
   std::array<int, 3> count;
-  for (int k = 0; k < 3; ++k) count[k] = static_cast<int>(size(k) / step + 0.5) + 1;
+  for (int k = 0; k < 3; ++k) count[k] = static_cast<int>(std::lround(size(k) / step)) + 1;
   std::vector<int> edges(static_cast<size_t>(count[0] * count[1] * count[2]), 0);
   const auto edge_at = [&](int x, int y, int z) -> int& {
-    return edges[static_cast<size_t>((x * count[1] + y) * count[2] + z)];
+    return edges[(static_cast<size_t>(x) * count[1] + y) * count[2] + z];
   };
   int most = 0;
   Cube out;
@@ -62,8 +63,9 @@ Cube grown(Cube cube, double step, const ReachPoint& reach) {
   while (step >= least) {
     bool grew = false;
     for (int n = 0; n < 27 && !grew; ++n) {
-      const Cube next{cube.centre + step * Vector3d(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1),
-                      cube.edge + 0.25 * step};
+      const Cube next{
+          cube.centre + step * Eigen::Vector3i(n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1).cast<double>(),
+          cube.edge + 0.25 * step};
       grew = inside(next, reach);
       if (grew) cube = next;
     }

@@ -151,7 +151,8 @@ void check_largest(const Figure& figure, int robots) {
 }
 
 /// Checks the rates of wrong decisions near the tolerance, and of those at it.
-void check_decisions(const Figure& figure, int robots, std::vector<int> sizes = {12, 30, 100}) {
+void check_decisions(const Figure& figure, int robots,
+                     const std::vector<int>& sizes = {12, 30, 100}) {
   for (const int postures : sizes) {
     const Decisions near = decide(figure, robots, postures, 0.3);
     CAPTURE(postures, near.above, near.below, near.passed_above, near.failed_below, near.open);
