@@ -8,7 +8,7 @@
 
 namespace kincal {
 
-/// The root mean square of error / sigma, of what b estimated and of what it held.
+/// The root mean square of error / sigma, of components that b estimated and of those that it kept.
 std::string errors_text(const CalibratedFiles& b, const Comparison& comparison);
 
 /// Shows the `most` parameters that differ most in sigmas, and the frames.

@@ -17,7 +17,7 @@ Report as_it_is(const std::shared_ptr<const Recording>& recording) {
   return out;
 }
 
-/// What was measured, without anything that it is compared with.
+/// The measurements alone, without predictions.
 std::vector<ViewResiduals> measured(const Recording& recording) {
   std::vector<ViewResiduals> out;
   for (size_t i = 0; i < recording.samples.size(); ++i)

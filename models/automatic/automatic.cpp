@@ -95,7 +95,7 @@ Model grown(Model model, const FurtherTrial& trial, const Calibrated& calibrated
   return model;
 }
 
-/// What was tried, and the calibrations before what was kept.
+/// The groups tried, and the calibrations before those kept.
 struct FurtherRecord {
   std::vector<TriedGroup> tried;
   std::vector<Stage> stages;
@@ -193,8 +193,8 @@ void add_together(const std::vector<std::string>& names,
   }
 }
 
-/// What the conditions of the samples add. Each may hide the other: what was not kept is tried
-/// again beside what was.
+/// Backlash and time offsets. Each may hide the other: one that was not kept is tried again beside
+/// the one that was.
 void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> possible = best.fit.groups.further;
   const auto with = [&](const std::vector<std::string>& groups) {

@@ -248,7 +248,7 @@ void GroupMaker::make_joints() {
   }
 }
 
-/// What conditions of the samples add: time offsets, and what the rig does not have yet.
+/// Groups of the samples' conditions: time offsets, and models that the rig does not have yet.
 void GroupMaker::make_conditions() {
   const auto has = [&](ParameterKind kind) {
     return std::any_of(table_.all.begin(), table_.all.end(),

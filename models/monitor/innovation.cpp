@@ -21,7 +21,7 @@ double dot(const double* a, const double* b, int n) {
 }
 
 /// Makes a symmetric matrix (its lower triangle, column after column) tridiagonal by reflections,
-/// which u undergoes too. Leaves the diagonal in d and what is beside it in e, from e[1] on.
+/// which u undergoes too. Leaves the diagonal in d and the elements beside it in e, from e[1] on.
 void tridiagonalise(double* a, std::ptrdiff_t ld, int n, double* u, double* d, double* e) {
   const auto at = [&](int row, int column) -> double& { return a[column * ld + row]; };
   for (int i = n - 1; i > 0; --i) {

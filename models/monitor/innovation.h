@@ -1,4 +1,4 @@
-// The equations of one sample against what the calibration lets expect of them. Linear algebra
+// The equations of one sample against their prediction by the calibration. Linear algebra
 // only; scratch grows to the largest sample and stays.
 //
 // Rows of the sample are [A J r] over its private unknowns, the columns it touches and the
@@ -10,7 +10,8 @@
 //     the variance 1 + c, u_i of its row has H_ii + c H_ii^2. With T = L L', B = L^-1 A and
 //     1 + B'B = M M':  H = T^-1 - Y'Y,  Y = M^-1 B' L^-1.
 //   - the chi2 of all rows with private unknowns free: what is left of L^-1 (r + J d) across B.
-//   - reduce(): [J y] of what private unknowns leave free, by orthogonal transformations; where
+//   - reduce(): the part of [J y] that private unknowns leave free, by orthogonal transformations;
+//   where
 //     there are more rows than columns, a triangle of them.
 // In m rows, p private unknowns, k columns with an uncertainty and t columns these take about
 //     m k^2 + m^2 (k + p) + m^3   and   2 m p (p + t) (and 2 m t^2 where they make a triangle)
@@ -45,7 +46,8 @@ struct Equations {
 
 class Innovations {
  public:
-  /// What a sample tells of a sensor, and of a kind of noise: variances over the stated one.
+  /// The information of a sample about a sensor, and about a kind of noise: variances over the
+  /// stated one.
   struct OfSensor {
     int sensor;
     double chi2, dof;

@@ -111,7 +111,7 @@ void SampleForm::propose(const Pose& pose) {
     proposed_.push_back({cost.doubled, pose});
 }
 
-/// Minimises over the sample's own unknowns from the best of what was proposed. A minimum that
+/// Minimises over the sample's own unknowns from the best start proposed. A minimum that
 /// explains the sample is the one that is looked for.
 bool SampleForm::solve_from_proposed() {
   std::sort(proposed_.begin(), proposed_.end(),

@@ -279,7 +279,7 @@ void find_larger_noise(const StudyOptions& options, const CalibrationOptions& ca
 }
 
 /// Residuals smaller than stated: all stated sigmas by the same factor, which leaves the estimates
-/// where they are. (Levels of their own would take what the model lacks for noise of this or that
+/// where they are. (Levels of their own would take model errors for noise of this or that
 /// joint, and let go of its readings.)
 void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report& report) {
   std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));

@@ -121,7 +121,7 @@ double gaussian_variance(const Matrix3d& moment, long n) {
   return trace > 0 ? 2 * moment.squaredNorm() / (trace * trace) / static_cast<double>(n) : 1;
 }
 
-/// An error as an instrument sees it, m or rad, and the covariance of what is noise in it.
+/// An error as an instrument sees it, m or rad, and the covariance of its noise.
 struct MeasuredError {
   Vector3d e;
   Matrix3d noise;

@@ -89,6 +89,13 @@ const Figure kDistances = [](const std::vector<VerifiedView>& views) {
 
 struct Decisions {
   int above = 0, below = 0, passed_above = 0, failed_below = 0, open = 0;
+
+  void add(bool is_above, Conformity answer) {
+    ++(is_above ? above : below);
+    passed_above += is_above && answer == Conformity::pass;
+    failed_below += !is_above && answer == Conformity::fail;
+    open += answer == Conformity::not_provable;
+  }
 };
 /// Decides on robots whose tolerance is their true figure times exp(+-spread).
 Decisions decide(const Figure& figure, int robots, int postures, double spread) {
@@ -100,13 +107,8 @@ Decisions decide(const Figure& figure, int robots, int postures, double spread) 
     const double truth = figure(measured(robot, 1000, 0, draws)).rms,
                  sigma = truth * draws.uniform(0.05, 0.4),
                  tolerance = truth * std::exp(draws.uniform(-spread, spread));
-    const Conformity answer =
-        conformity(figure(measured(robot, postures, sigma, draws)), tolerance);
-    const bool above = truth > tolerance;
-    ++(above ? out.above : out.below);
-    if (above && answer == Conformity::pass) ++out.passed_above;
-    if (!above && answer == Conformity::fail) ++out.failed_below;
-    if (answer == Conformity::not_provable) ++out.open;
+    out.add(truth > tolerance,
+            conformity(figure(measured(robot, postures, sigma, draws)), tolerance));
   }
   return out;
 }
@@ -127,12 +129,7 @@ Decisions decide_largest(const Figure& figure, int robots, int postures, double 
       view.measured_rotation = view.measured_rotation * exp_so3(sigma * draws.normals());
       view.noise = view.rotation_noise = sigma * sigma * Matrix3d::Identity();
     }
-    const Conformity answer = conformity(figure(views), tolerance, true);
-    const bool above = truth > tolerance;
-    ++(above ? out.above : out.below);
-    if (above && answer == Conformity::pass) ++out.passed_above;
-    if (!above && answer == Conformity::fail) ++out.failed_below;
-    if (answer == Conformity::not_provable) ++out.open;
+    out.add(truth > tolerance, conformity(figure(views), tolerance, true));
   }
   return out;
 }
