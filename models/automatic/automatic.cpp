@@ -124,11 +124,12 @@ struct FurtherRecord {
   }
 };
 
-/// Compliances about the axes, then those across them, then loads.
-void bend_joints(Model& model, Calibrated& best, FurtherRecord& record) {
+/// Tries groups of bending, each on top of those before.
+void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated& best,
+                 FurtherRecord& record) {
   const std::vector<std::string> tried = best.fit.groups.further;
   const auto& kept = model.options.begin.further;
-  for (const std::string name : {kCompliance, kComplianceAcross, kLoads}) {
+  for (const std::string& name : names) {
     if (!is_among(tried, name) || is_among(kept, name) ||
         (name == kLoads && std::none_of(kept.begin(), kept.end(), is_bending)))
       continue;
@@ -251,8 +252,10 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   if (best.found.solution.usable()) {
     FurtherRecord record;
     add_conditions(model, best, record);  // (nothing else looks like what a sample states)
-    bend_joints(model, best, record);
+    bend_joints({kCompliance, kComplianceAcross}, model, best, record);
     add_curves(model, best, record);
+    // (Last: beside compliances they lie in a curved valley, where each fit takes long.)
+    bend_joints({kLoads}, model, best, record);
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);
   }

@@ -306,17 +306,18 @@ void find_noise(const StudyOptions& options, const CalibrationOptions& calibrati
   if (!report.solution.usable() || of_stated_size(report.solution) || ratio > kMistaken ||
       options.estimate_noise || !can_estimate_noise(calibration))
     return;
+  NoiseRounds rounds;
+  rounds.stated = ratio;
+  if (ratio < 1) {  // (no mistake makes residuals smaller)
+    find_smaller_noise(options, rounds, report);
+    return;
+  }
   if (options.diagnose) {
     add_diagnosis(report.solution.recording->training_only(), options, report);
     if (finds_a_mistake(*report.diagnosis)) return;
     report.diagnosis.reset();
   }
-  NoiseRounds rounds;
-  rounds.stated = ratio;
-  if (ratio < 1)
-    find_smaller_noise(options, rounds, report);
-  else
-    find_larger_noise(options, calibration, rounds, report);
+  find_larger_noise(options, calibration, rounds, report);
 }
 
 /// A message of each group that was asked for by name and is held, or is among the usual ones.
