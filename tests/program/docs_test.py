@@ -366,6 +366,7 @@ def check_sensor(source, binary):
     links = ["-lpthread", "-ldl"]
     code[0] = program(source, "bearing.h", path, code[0])
     code[1] = program(source, "direction_finder.cpp", path, code[1])
+    code[2] = program(source, "check_bearing.cpp", path, code[2])
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
         joint = ['#include "quadratic.h"', "int main() {", "  const double own[] = {0.1, 1.02, 0.05};",
                  "  const QuadraticJoint joint;",
