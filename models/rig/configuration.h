@@ -78,8 +78,8 @@ class Configuration {
   /// Returns exp(delta) of a joint that bends, else the identity.
   Matrix3d bend_of(int joint) const;
 
-  /// Returns the pose of link b in link a. @throws std::invalid_argument if a floating or planar
-  /// joint lies between.
+  /// Returns the pose of link b in link a. @throws std::invalid_argument if there is a floating or
+  /// planar joint between the two links.
   Pose a_T_b(int a, int b) const;
   Pose base_T_link(int link) const { return a_T_b(rig_->base, link); }
   Pose link_T_sensor(int sensor) const {
