@@ -93,7 +93,7 @@ struct BendingColumns {
 void through_equilibrium(const BentPosture& at, const Eigen::Ref<const MatrixXd>& by_delta,
                          BendingColumns& out);
 /// Returns the columns of D of one joint on a path (kinematics/tree.h): twists, seen from a, of
-/// everything behind it. `a_T_joint` is its frame before it bends.
+/// everything behind it. `a_T_joint` is the frame of the joint without its deflection.
 inline Eigen::Matrix<double, 6, 3> deflection_twists(const BentPosture& at, int bending,
                                                      int direction, const Pose& a_T_joint) {
   return direction * (adjoint(a_T_joint).rightCols<3>() * at.left[bending]);
