@@ -55,7 +55,7 @@ struct Skeleton {
 Matrix3d axis_basis(const Vector3d& axis);
 
 /// A BentPosture is a skeleton in one posture: the inputs, the equilibrium, and the terms that
-/// derivatives need. Reuse for another posture allocates nothing.
+/// derivatives need. If it is used again for another posture, nothing is allocated.
 struct BentPosture {
   // Input, by joint: rotations of origin and motion, first moment (kg m) of the child link in its
   // frame, compliances about axis, u, v (rad/Nm); gravity (m/s^2) seen from the root.
