@@ -256,7 +256,7 @@ MeasuredPoint measured_point(const CalibratedFiles& files, const InstrumentViews
       option_name("tolerance", settings.words) + " '" + settings.tolerance + "'";
   if (tolerance->rotation && settings.standard == "distances")
     throw InputError(where +
-                     ": distances have no rotations; those relative to the instrument are "
+                     ": distances have no rotations; rotations relative to the instrument are "
                      "judged with " +
                      option_name("standard", settings.words) + " iso9283");
   if (tolerance->rotation && !out.pose)
