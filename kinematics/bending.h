@@ -55,7 +55,7 @@ struct Skeleton {
 Matrix3d axis_basis(const Vector3d& axis);
 
 /// A BentPosture is a skeleton in one posture: the inputs, the equilibrium, and the terms that
-/// derivatives need. Reuse for another posture allocates nothing.
+/// derivatives need. If it is used again for another posture, nothing is allocated.
 struct BentPosture {
   // Input, by joint: rotations of origin and motion, first moment (kg m) of the child link in its
   // frame, compliances about axis, u, v (rad/Nm); gravity (m/s^2) seen from the root.
@@ -93,7 +93,7 @@ struct BendingColumns {
 void through_equilibrium(const BentPosture& at, const Eigen::Ref<const MatrixXd>& by_delta,
                          BendingColumns& out);
 /// Returns the columns of D of one joint on a path (kinematics/tree.h): twists, seen from a, of
-/// everything behind it. `a_T_joint` is its frame before it bends.
+/// everything behind it. `a_T_joint` is the frame of the joint without its deflection.
 inline Eigen::Matrix<double, 6, 3> deflection_twists(const BentPosture& at, int bending,
                                                      int direction, const Pose& a_T_joint) {
   return direction * (adjoint(a_T_joint).rightCols<3>() * at.left[bending]);

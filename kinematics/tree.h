@@ -124,7 +124,7 @@ std::pair<double, double> usual_range(const Joint& joint);
 /// is ignored; without an axis the motion is the identity.
 Pose joint_motion(const Joint& joint, double position);
 
-/// Returns parent_T_child of a rigid joint, or of another at position 0.
+/// Returns parent_T_child of a joint; if the joint can move, at position 0.
 inline Pose pose_at_zero(const Joint& joint) {
   return joint.parent_T_joint * joint_motion(joint, 0);
 }

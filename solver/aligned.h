@@ -11,7 +11,7 @@ namespace kincal {
 
 constexpr std::size_t kCacheLine = 64;  // bytes
 
-/// An AlignedAllocator is that of the standard library, but for where its memory begins.
+/// An AlignedAllocator is a standard allocator whose memory begins at a cache line.
 template <class T>
 struct AlignedAllocator {
   using value_type = T;

@@ -71,8 +71,8 @@ class Problem {
   virtual int shared_size() const = 0;
   virtual const std::vector<GroupShape>& groups() const = 0;
   /// Returns the group with the priors of shared unknowns, which has no private unknowns; -1: none.
-  /// A prior may couple only columns that are adjacent and touched by the same other groups (those
-  /// of one pose), so that a sparse system stays sparse.
+  /// To keep a sparse system sparse, a prior may couple only adjacent columns on which the same
+  /// groups depend, as those of one pose.
   virtual int prior_group() const { return -1; }
   /// Allocates scratch for workers 0 .. count - 1.
   virtual void set_workers(int count) = 0;

@@ -25,10 +25,10 @@ std::string open_numbers_text(const std::map<std::string, std::vector<std::strin
   std::string out;
   for (const auto& [target, samples] : open)
     out += "Numbering: target '" + target +
-           "' looks the same from several sides, and the joint readings do not determine from "
-           "which one it was numbered in " +
+           "' looks the same from several sides. The joint readings do not determine which corner "
+           "is point 0 in " +
            (samples.size() == 1 ? "sample " : "samples ") + comma_separated(samples) +
-           ". Check that point 0 is the same corner there (kincal detect --draw), or record "
+           ". Check that it is the same corner in all samples (kincal detect --draw), or record "
            "postures that turn the board about other axes.\n";
   return out;
 }

@@ -27,8 +27,8 @@ std::string errors_text(const CalibratedFiles& b, const Comparison& comparison) 
   }
   if (!exact.empty())
     out += wrapped("not estimated, but not true: " + listed(exact) +
-                       "; estimated parameters with the same effect, such as a mount behind a "
-                       "joint, absorb such errors: compare the frames",
+                       ". Other parameters with the same effect, such as the mount behind a joint, "
+                       "absorb these errors: compare the frames",
                    "  ", 4);
   return out.empty() ? "" : "\nError / sigma (1 is expected)\n" + out;
 }

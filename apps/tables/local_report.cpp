@@ -29,9 +29,10 @@ std::string local_report(const Rig& rig, const LocalCalibration& local) {
     }
     out += align(rows, 1);
     out += text("\nValid while no joint is further than %.4g from the posture", local.radius);
-    out += local.ends ? "\n"
-                      : ": the furthest sample used. The range of the gain was not found; if the "
-                        "gain has no limit, calibrate again\n";
+    out += local.ends
+               ? "\n"
+               : ", the distance of the furthest sample. The offsets may be valid further away; if "
+                 "they are valid everywhere, calibrate the robot again\n";
   } else {
     out += "\nNo gain: the global calibration is equally good here. Offsets are 0\n";
   }

@@ -272,7 +272,7 @@ void check_output(const std::string& directory, bool force, const std::string& k
   if (!fs::exists(name, error)) return;
   if (!force)
     throw InputError(directory +
-                     ": exists already; --force replaces a result, another --out keeps it");
+                     ": exists already; --force replaces it, another --out leaves it as it is");
   if (!fs::is_directory(name, error)) throw InputError(directory + ": is not a directory");
   std::string other;
   if (!holds_only_results(name, &other, keep))

@@ -100,7 +100,8 @@ std::string pose_guess(const Table& table, const std::vector<const PoseFormat*>&
       said ? "" : " --pose-format " + (formats.size() == 1 ? formats[0]->name : "FORMAT");
   return out + "With images of a board, one for each row:\n  kincal detect RIG IMAGES --joints " +
          file + " --pose-format " + (formats.size() == 1 ? formats[0]->name : "FORMAT") +
-         " --out samples.jsonl\nWith poses of the board in the camera, as many, in other files:\n"
+         " --out samples.jsonl\nWith other files that have one pose of the board in the camera for "
+         "each row:\n"
          "  kincal import " +
          file + format + " --target-poses FILE... --setup eye_in_hand --out hand_eye\n";
 }

@@ -235,7 +235,7 @@ std::vector<PosePair> pair_poses(const std::vector<FlangePose>& flange,
                      " of the flange: without names they are paired in order, so there must be as "
                      "many");
   for (size_t i = 0; i < flange.size(); ++i) out.push_back({"", flange[i].pose, measured[i].pose});
-  note = "paired in order, because not both lists have names";
+  note = "paired by their order, because one of the lists has no names";
   return out;
 }
 

@@ -108,9 +108,9 @@ std::string ros2_control_text(const RobotNumbers& robot, std::vector<std::string
   }
   if (transmissions.empty())
     throw InputError("no joint has an offset or a scale: export a result of `kincal calibrate`");
-  return "<!-- position = reading / mechanical_reduction + offset. The offsets stand here in place "
-         "of the origins:\n     in robot.urdf, which holds them, these joints get\n" +
-         origins + "     again. -->\n" + transmissions;
+  return "<!-- position = reading / mechanical_reduction + offset. robot.urdf contains the offsets "
+         "in its origins.\n     With these transmissions, restore the origins in robot.urdf:\n" +
+         origins + "     -->\n" + transmissions;
 }
 
 std::string lerobot_text(const RobotNumbers& robot, const std::string& from,

@@ -256,7 +256,7 @@ MeasuredPoint measured_point(const CalibratedFiles& files, const InstrumentViews
       option_name("tolerance", settings.words) + " '" + settings.tolerance + "'";
   if (tolerance->rotation && settings.standard == "distances")
     throw InputError(where +
-                     ": distances have no rotations; those relative to the instrument are "
+                     ": distances have no rotations; rotations relative to the instrument are "
                      "judged with " +
                      option_name("standard", settings.words) + " iso9283");
   if (tolerance->rotation && !out.pose)
@@ -472,13 +472,12 @@ std::string why_no_instrument(const Rig& rig, int sensor, int target) {
            ": an instrument that measures points or poses is expected";
   if (rig.targets[target].link < 0)
     return "target '" + rig.targets[target].name +
-           "' is not mounted: one that the robot carries is expected";
+           "' is not mounted; a target that the robot carries is expected";
   if (!needed_readings(rig, sensor, -1).empty())
-    return name + " moves with the robot: a stationary instrument is expected";
+    return name + " moves with the robot; a stationary instrument is expected";
   if (needed_readings(rig, -1, target).empty())
     return "target '" + rig.targets[target].name +
-           "' stands still: one that the robot carries is "
-           "expected";
+           "' stands still; a target that the robot carries is expected";
   return "";
 }
 

@@ -262,8 +262,9 @@ Json Watch::noise() const {
 std::string Watch::summary() const {
   std::string out = text("%ld samples, %ld outliers. ", monitor_.samples(), monitor_.outliers());
   if (unexplained_ > 0)
-    out += text("%ld times samples in a row did not fit, and no single change explains them.\n",
-                unexplained_);
+    out += text(
+        "Several samples in a row did not fit (%ld times), and no single change explains them.\n",
+        unexplained_);
   if (found_.empty() && unexplained_ == 0)
     out += text("Nothing has moved (one false alarm in about %.0f samples).\n", every_);
   if (!found_.empty()) out += "Moved:\n";

@@ -501,7 +501,7 @@ BeamTarget find_board(const Beams& beams, const ImageTarget& target) {
   std::vector<BeamCorner> corners = corners_of(picture, view, target, found);
   const size_t wanted = corners.size();
   if (!fit_all(beams, corners)) {
-    out.reason = "something looks like it, but has no squares";
+    out.reason = "an object that resembles it was found, but it has no squares";
     return out;
   }
   if (corners.size() < 4) {

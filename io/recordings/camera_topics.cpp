@@ -155,7 +155,7 @@ struct CameraFinder {
     }
     if (all.empty()) return "no images of it in the recording";
     if (any_fits)
-      return "which images are its is not clear (" + comma_separated(all) +
+      return "several topics may have its images (" + comma_separated(all) +
              "): write `topic: ...` into its entry of the rig";
     return "no images of its image_size, " + std::to_string(sensor.image_width) + " x " +
            std::to_string(sensor.image_height) + ", in the recording, but " + comma_separated(all) +

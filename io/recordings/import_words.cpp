@@ -137,14 +137,12 @@ std::string without_clock(const Rig& rig, const std::vector<CameraClock>& camera
     if (!one.contradicted) continue;
     TextLines offsets;
     for (const double offset : one.candidates) offsets.push_back(text("%.1f", offset));
-    return "what '" + rig.sensors[one.sensor].name +
-           "' sees moves while the joints rest, and rests while they move: their time stamps come "
-           "from different clocks with an unclear offset (with images " +
+    return "the images of '" + rig.sensors[one.sensor].name +
+           "' move while the joints rest, and rest while the joints move: their time stamps come "
+           "from different clocks, and several offsets are possible (if images are " +
            few_of(offsets) +
-           " s later both rest at the same times). Record with clocks that run together (chrony), "
-           "or with one recorder and its reception times; rests of different lengths make the "
-           "offset "
-           "clear too";
+           " s later, both rest at the same times). Synchronise the clocks (chrony), use the "
+           "reception times of one recorder, or record rests of different lengths";
   }
   return "";
 }

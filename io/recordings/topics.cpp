@@ -331,9 +331,8 @@ void find_pose_sensors(const RigFile& rig, const RecordedStreams& streams, Topic
     const PoseStream& p = streams.poses[static_cast<size_t>(candidates[0])];
     const int target = target_of(rig.rig, p);
     if (target < 0) {
-      out.notes.push_back(
-          "sensor '" + sensors[s].name + "': the poses of " + p.topic +
-          " match no target of the rig by name: give the target the name of their frame");
+      out.notes.push_back("sensor '" + sensors[s].name + "': the poses of " + p.topic +
+                          " have no target: give a target of the rig the name of their frame");
       continue;
     }
     out.poses[s].stream = candidates[0];

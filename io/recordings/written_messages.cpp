@@ -5,7 +5,8 @@
 
 namespace kincal {
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are written as they lie");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+              "numbers are written in the byte order of memory");
 
 namespace {
 

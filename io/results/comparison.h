@@ -40,8 +40,8 @@ struct Comparison {
 Comparison compare(const CalibratedFiles& a, const CalibratedFiles& b,
                    const std::vector<std::string>& frames, const std::string& samples);
 
-/// Returns the true values of a simulated robot as a calibration without errors, to be compared
-/// with `result` as its a; `path` is a truth file (io/rig/simulation_file.h). @throws InputError
+/// Reads the truth file of a simulated robot (io/rig/simulation_file.h). Returns the true values in
+/// the form of a calibration, the argument b of compare(); a is `result`. @throws InputError
 CalibratedFiles read_true_values(const std::string& path, const CalibratedFiles& result);
 /// True for a JSON file with true parameters in place of a result.
 bool is_truth_file(const std::string& path);

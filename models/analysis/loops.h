@@ -39,7 +39,7 @@ struct Loop {
 };
 
 /// A LoopView is one view transformed into another one of the same sample: r_h, one column per
-/// point. NaN: not transformed; infinite: the point lies behind the camera.
+/// point. NaN: the point was not transformed; infinite: it lies behind the camera.
 struct LoopView {
   int sample = -1;
   const View *from = nullptr, *to = nullptr;

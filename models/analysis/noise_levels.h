@@ -104,10 +104,10 @@ std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const 
                                      const MatrixXd& covariance,
                                      std::optional<double> stated_factor = std::nullopt);
 
-/// Returns each joint's reading noise over the noise stated in the rig, from a fit of mode latent
-/// that may contain gross outliers. The estimate is the median size of the joint's errors, each
-/// divided by the share (1 - h_ii) that its sample's own fit leaves of it, so a minority of wrong
-/// readings has little effect. 1: too few samples to determine it.
+/// Returns, for each joint, the ratio of the noise of its readings to the noise that the rig
+/// states; 1 if there are too few samples. The fit is in mode latent and may contain gross
+/// outliers: the estimate is a median, so a minority of wrong readings has little effect. Each
+/// error is divided by 1 - h_ii, because the fit absorbs the rest of it.
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
                                         const VectorXd& state);
 

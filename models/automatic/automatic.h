@@ -28,7 +28,7 @@ std::vector<NominalValue> nominal_values(const Solution& solution);
 /// Returns a text with the reason why a component was fixed, and its uncertainty.
 std::string held_text(const AutomaticNumber& number);
 
-/// Returns the steps at the starting widths, before anything is learned.
+/// Returns the steps with the starting widths, before any width is learned.
 /// @throws as make_groups().
 std::vector<Step> automatic_steps(const Recording& recording, const AutomaticOptions& options);
 

@@ -112,7 +112,7 @@ struct Alternative {
 /// it.
 constexpr double kFoundOdds = 99, kAsLikelyOdds = 9;
 
-/// A WeighedModel is one of several models of the same data; one of them is "as it is".
+/// A WeighedModel is one of several models of the same data, and one of these changes nothing.
 struct WeighedModel {
   double log_evidence = 0, log_odds = 0;  // prior log odds, against any fixed model
   int kind = 0;                           // models of one kind share their probability

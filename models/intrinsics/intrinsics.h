@@ -91,8 +91,8 @@ struct IntrinsicsResult {
   Status status = Status::converged;  // the worst of the groups'
 };
 
-/// Calibrates all cameras of a rig. `samples` are those of without_robot(rig); held-out ones take
-/// no part. nullopt: cancelled.
+/// Calibrates all cameras of a rig. `samples` belong to the rig that without_robot(rig) returns;
+/// held-out samples are not used. nullopt: cancelled.
 /// @throws std::invalid_argument: there is no such lens, or no camera sees a board;
 /// std::runtime_error if a calibration cannot start.
 std::optional<IntrinsicsResult> calibrate_intrinsics(const Rig& rig,

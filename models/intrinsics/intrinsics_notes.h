@@ -77,7 +77,8 @@ bool has_far_corners(const Solution& solution, int sensor);
 /// Returns whether the views do not determine the lens (see the top of this file).
 bool is_undetermined(const FittedLens& fit);
 
-/// Returns the notes on a fit. `mistaken`: wrong_views() returned notes that explain the rest.
+/// Returns the notes on a fit. `mistaken`: wrong_views() returned notes; most others are then
+/// omitted, because a wrong view can be their cause.
 std::vector<IntrinsicsNote> lens_notes(const FittedLens& fit, bool mistaken);
 
 /// Returns whether the noise is far above the rig's sigma and above that of detection: the model

@@ -63,7 +63,7 @@ OneCamera one_camera(const Rig& rig, const std::vector<Sample>& samples, int cam
 /// parameters.)
 void fit_plain_lens(const LensModel& model, const CalibrationOptions& options, OneCamera& camera);
 
-/// Returns the camera with this lens at the best start of its kind.
+/// Returns the camera with this lens model and the best starting values found for it.
 Sensor best_start(const OneCamera& camera, const LensModel& model);
 
 /// Fits a lens to one camera, and adds the result to the starts for lenses with more parameters.

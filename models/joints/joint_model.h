@@ -39,7 +39,7 @@ struct JointNumber {
 class JointModel {
  public:
   virtual ~JointModel() = default;
-  /// Returns the model's name in rig.yaml; empty: it has none there.
+  /// Returns the name by which rig.yaml selects the model; empty if rig.yaml cannot select it.
   virtual std::string name() const { return ""; }
   /// Returns the parameters after offset and scale, in the order of `own`.
   virtual std::vector<JointNumber> extra_parameters() const { return {}; }

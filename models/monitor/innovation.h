@@ -10,12 +10,13 @@
 //     the variance 1 + c, u_i of its row has H_ii + c H_ii^2. With T = L L', B = L^-1 A and
 //     1 + B'B = M M':  H = T^-1 - Y'Y,  Y = M^-1 B' L^-1.
 //   - the chi2 of all rows with private unknowns free: what is left of L^-1 (r + J d) across B.
-//   - reduce(): the part of [J y] that private unknowns leave free, by orthogonal transformations;
-//   where
-//     there are more rows than columns, a triangle of them.
+//   - reduce(): the part of [J y] that does not depend on private unknowns, by orthogonal
+//     transformations; if there are more rows than columns, a triangle of them.
 // In m rows, p private unknowns, k columns with an uncertainty and t columns these take about
 //     m k^2 + m^2 (k + p) + m^3   and   2 m p (p + t) (and 2 m t^2 where they make a triangle)
-// multiplications.
+// multiplications. With n uncertain columns in all and r = min(m - p, t + 1), Monitor::add() takes
+// another r n (k + n) + r^2 (t + n + r) + r t^2. A view has at most one row more than its own
+// columns, a scan all its rows.
 #pragma once
 
 #include <utility>

@@ -213,8 +213,8 @@ const Row kRows[] = {
     {NK::outlier_point, "outlier_point", Severity::doubt,
      "Single points fit much worse than the others, by a robust fit.", kSpoils},
     {NK::chi2, "chi2", Severity::doubt,
-     "chi2/dof of the whole is outside of 0.8 to 1.25, or of one sensor above 1.25, and beyond "
-     "chance."},
+     "chi2/dof of all data is outside of 0.8 to 1.25, or that of one sensor is above 1.25, by more "
+     "than chance explains."},
     {NK::in_use, "in_use", Severity::doubt,
      "With joint readings taken as exact, the result is no better than the rig for any sensor "
      "and at least a tenth worse for one."},

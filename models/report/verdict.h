@@ -24,8 +24,8 @@ double data_misfit(const Report& report);
 /// Returns the largest factor, squared, by which noise without a stated sigma exceeds its guess,
 /// comparable to a chi2/dof with the guess; at least 1.
 double beyond_guess(const Report& report);
-/// Returns the notice why the model does not explain the data: the more likely cause (mistake or
-/// noise) and the action. Empty if it does explain them, or without a solution.
+/// Returns a notice if the model does not explain the data: the more likely cause (mistake or
+/// noise) and the action. Empty if the model explains the data, or if there is no solution.
 std::optional<Notice> why_unexplained(const Report& report);
 /// Returns the verdict of a report that is otherwise complete: `no` if a warning is a fault or the
 /// run did not converge, `doubts` if a finding or warning is a doubt, else `good`. Its text gives

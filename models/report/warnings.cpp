@@ -153,8 +153,8 @@ void warn_of_steps(const Report& report, Notices& out) {
       because(*loose);
     else if (has_redescending_loss(solution, s.name))
       notice.cure =
-          "converge first with loss huber or none, in a step before this one: from a rough start "
-          "this loss also rejects good data";
+          "add a step with loss huber or none before this one: from rough starting values this "
+          "loss also rejects good data";
     else if (!report.outliers.empty())
       notice.cure = "reject outliers (`reject`), or check the samples named";
     if (solution.status != Status::not_converged) notice.severity = Severity::remark;

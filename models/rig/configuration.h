@@ -78,8 +78,8 @@ class Configuration {
   /// Returns exp(delta) of a joint that bends, else the identity.
   Matrix3d bend_of(int joint) const;
 
-  /// Returns the pose of link b in link a. @throws std::invalid_argument if a floating or planar
-  /// joint lies between.
+  /// Returns the pose of link b in link a. @throws std::invalid_argument if there is a floating or
+  /// planar joint between the two links.
   Pose a_T_b(int a, int b) const;
   Pose base_T_link(int link) const { return a_T_b(rig_->base, link); }
   Pose link_T_sensor(int sensor) const {
@@ -114,7 +114,8 @@ class Configuration {
 /// Returns the joints whose readings determine the pose of link b in link a, in the order of the
 /// path, without `except` (-1: none).
 std::vector<int> joints_between(const Rig& rig, int a, int b, int except = -1);
-/// Returns the same for a view: between its sensor and its target (if this is free: the base).
+/// Returns those between the sensor and the target of a view; for a free target, between the sensor
+/// and the base.
 std::vector<int> joints_between(const Rig& rig, const View& view);
 /// Returns the joints whose readings are needed for the poses of a sensor and a target relative to
 /// the base. -1 omits either; a free target needs no readings. The sensor's scanning joint is left

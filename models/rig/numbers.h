@@ -15,8 +15,8 @@ namespace kincal {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Returns element `smaller` (from 0) of the numbers in ascending order. There must be more numbers
-/// than `smaller`, and no NaN.
+/// Returns the number with index `smaller` (from 0) if the numbers are in ascending order. There
+/// must be more numbers than `smaller`, and none may be NaN.
 inline double nth_smallest(std::vector<double> numbers, std::size_t smaller) {
   const auto nth = numbers.begin() + static_cast<std::ptrdiff_t>(smaller);
   std::nth_element(numbers.begin(), nth, numbers.end());

@@ -39,7 +39,7 @@ Eigen::Matrix3Xd target_points(const Target& target);
 Eigen::Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                                int target);
 
-/// Returns the target's points that a view contains: its ids, or all.
+/// Returns the indices of the target's points that a view contains: its ids; all if it has no ids.
 std::vector<int> view_ids(const View& view, const Target& target);
 
 /// True if there are fewer than three points, or if all are on a line to within a millionth of

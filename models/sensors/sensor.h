@@ -142,8 +142,8 @@ class SensorModel {
   virtual bool noise_sees_target() const { return has_own_noise(); }
   /// Computes B, rows() x sigmas(), of block i.
   virtual void own_noise(const ViewInput& view, int i, Eigen::MatrixXd& b) const;
-  /// Returns the kinds of noise that its residuals can distinguish, in order. If there are several,
-  /// whitened residual i of a block belongs to the part with sigma i.
+  /// Returns the parts of the noise that the residuals can distinguish, in the order of the sigmas.
+  /// If there are several parts, whitened residual i of a block has the part with sigma i.
   virtual std::vector<NoisePart> noise_parts() const { return {{"", unit(), 0, sigmas()}}; }
   /// Returns the inner loop of evaluate() for several points at a time; null if the sensor has
   /// none.

@@ -45,8 +45,8 @@ struct Cleaned {
 std::optional<Cleaned> calibrate_without_outliers(const std::shared_ptr<const Recording>& recording,
                                                   const CalibrationOptions& options);
 
-/// Returns the outliers that calibrate_without_outliers() would remove, for a plain calibration
-/// that ended badly. It is also empty if nothing would be removed. nullopt: cancelled.
+/// Returns the outliers that calibrate_without_outliers() would remove (none: empty), to explain
+/// why a plain calibration ended badly. nullopt: cancelled.
 std::optional<std::vector<Rejected>> find_outliers(
     const std::shared_ptr<const Recording>& recording, const CalibrationOptions& options);
 

@@ -3,7 +3,7 @@
 Proves: Program: what kincal_test.c says at its head, and that the files of its result are those that the program writes, to the last bit but for command, date and seconds. Same: the same by ctypes, with options
 and of a robot whose links bend (forward and compensate are those of the Python package); what the header says of structs is what ctypes needs to know. Abi: the library exports the functions of the header and nothing
 else; sizes of structs, places of their members, and values of constants are those of abi.txt (`--renew` writes it anew: members may be added at the end, nothing else may change); the header compiles by itself in C99
-without a warning, and in C++. Document: the program of docs/c.md compiles and prints what the page shows. Does not prove: that a program of an older version runs (there is none).
+without a warning, and in C++. Document: the program of docs/c.md (examples/programs) compiles and prints what the page shows. Does not prove: that a program of an older version runs (there is none).
 """
 import ctypes
 import json
@@ -268,10 +268,14 @@ class Abi(Folder):
 
 class Document(Folder):
     def test_program(self):
-        """The program of docs/c.md, in a folder with the files of examples/pr2."""
+        """examples/programs/from_memory.c prints what docs/c.md shows, in a folder with the files of examples/pr2; the page shows lines of it."""
         blocks = re.findall(r"^```(\w*)\n(.*?)^```$", read(os.path.join(SOURCE_DIR, "docs", "c.md")), re.M | re.DOTALL)
-        (code,) = [text for kind, text in blocks if kind == "c"]
+        (shown,) = [text for kind, text in blocks if kind == "c"]
         (output,) = [text for kind, text in blocks if kind == ""]
+        code = read(os.path.join(SOURCE_DIR, "examples", "programs", "from_memory.c"))
+        rest = iter([line.strip() for line in code.splitlines()])
+        for line in shown.splitlines():
+            self.assertIn(line.strip(), rest)
         run(CC, "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *sanitizer(), "-I", INCLUDE, self.write("main.c", code), LIBRARY, "-o", self.path("main"), "-lm")
         for name in ("rig.yaml", "robot.urdf", "samples.jsonl"):
             shutil.copy(os.path.join(PR2, name), self.path(name))

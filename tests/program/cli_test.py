@@ -1716,7 +1716,7 @@ class Simulate(Case):
         self.assertRegex(text, r"parameter +unit +true +estimated +error +sigma +in sigmas")
         self.assertNotIn("not estimated, but not true", text)
         self.assertIn(self.calibrate("--fix", "joint/lift/offset", samples="sim/samples.jsonl", out="fixed").code, (0, 5))
-        self.assertIn("not estimated, but not true: joint/lift/offset;", self.run_kincal("diff", "fixed", "sim/truth.json").out)
+        self.assertIn("not estimated, but not true: joint/lift/offset.", self.run_kincal("diff", "fixed", "sim/truth.json").out)
 
     def test_errors_of_new_poses(self):
         """A rig without the pose of a sensor: the result has a new value, no change; its error counts from the pose in truth.json, not from increments."""

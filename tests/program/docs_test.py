@@ -9,8 +9,8 @@ the indented commands of the examples' README.md, and ```python blocks where the
 The README's demo is what scripts/demo runs, and every line of it is printed by the program; times and elided lines (`...`) are not compared. Links between documents, and to their headings, lead somewhere; files of the
 project that they name exist. Options that the
 documents name are options of the program; docs/reference.md has all of them, and is what scripts/reference prints, ids of warnings and
-mistakes included. The program of docs/adding-a-sensor.md compiles
-against the built libraries and prints what the document shows; its check of derivatives passes, and its joint model inverts. The README's C++ compiles. No document names
+mistakes included. The programs of examples/programs compile against the built libraries and print what adding-a-sensor.md and on-a-robot.md
+show; these documents show lines of them. The check of derivatives passes, and the joint model inverts. The README's C++ compiles. No document names
 a path of one machine.
 Does not prove: that other shown output is today's (but for adding-a-sensor.md and on-a-robot.md), nor that the text is right.
 """
@@ -315,6 +315,18 @@ def compiler(values):
     return [values.get("CMAKE_CXX_COMPILER", "c++"), *flags, "-isystem", eigen]
 
 
+def program(source, name, document, shown):
+    """The lines of a program of examples/programs; the document shows some of them, in their order."""
+    with open(os.path.join(source, "examples", "programs", name), encoding="utf-8") as file:
+        lines = file.read().splitlines()
+    rest = iter([line.strip() for line in lines])
+    for line in shown:
+        if line.strip() and line.strip() not in rest:
+            fail(document, f"not in {name}, or in another order: {line}")
+            break
+    return lines
+
+
 def check_snippet(source, binary):
     """What the README shows of the library compiles; what it leaves to the reader are the parameters here."""
     build = os.path.dirname(os.path.abspath(binary))
@@ -352,6 +364,9 @@ def check_sensor(source, binary):
         fail(path, "four blocks of C++ (sensor, program, check, joint model) and one of output are expected")
         return ""
     links = ["-lpthread", "-ldl"]
+    code[0] = program(source, "bearing.h", path, code[0])
+    code[1] = program(source, "direction_finder.cpp", path, code[1])
+    code[2] = program(source, "check_bearing.cpp", path, code[2])
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
         joint = ['#include "quadratic.h"', "int main() {", "  const double own[] = {0.1, 1.02, 0.05};",
                  "  const QuadraticJoint joint;",
@@ -375,7 +390,7 @@ def check_sensor(source, binary):
 
 
 def check_on_board(source, binary):
-    """The program of on-a-robot.md, with the library core alone, prints what the page shows; core.h needs neither exceptions nor run-time types."""
+    """The program on_board.cpp, with the library core alone, prints what on-a-robot.md shows; core.h needs neither exceptions nor run-time types."""
     build = os.path.dirname(os.path.abspath(binary))
     libraries = [os.path.join(build, f"libkincal_{name}.a") for name in ("core", "solver", "kinematics")]
     if not all(map(os.path.exists, libraries)):
@@ -387,7 +402,7 @@ def check_on_board(source, binary):
         fail(path, "one block of C++ and one of output are expected")
         return ""
     with tempfile.TemporaryDirectory(prefix="kincal-docs-") as scratch:
-        for name, lines in (("main.cpp", code[0]), ("plain.cpp", ["#include <kincal/core.h>", "#include <kincal/extend.h>"])):
+        for name, lines in (("main.cpp", program(source, "on_board.cpp", path, code[0])), ("plain.cpp", ["#include <kincal/core.h>", "#include <kincal/extend.h>"])):
             with open(os.path.join(scratch, name), "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
         command = [*compiler(cache(build)), "-I", os.path.join(build, "include")]

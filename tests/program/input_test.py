@@ -224,7 +224,7 @@ class Endings(Input):
         rough = GIVEN.replace("xyz: [2.2, 0.1, 0.5]", "xyz: [2.25, 0.14, 0.45]").replace("rpy: [-1.5708, 0.02, 1.5908]", "rpy: [-1.52, 0.06, 1.64]")
         code, result, said = self.run_calibrate(rough + loss, self.seen(), "--iterations", "3")
         self.assertEqual(code, 3, said)
-        self.assertIn("converge first with loss huber or none", self.one(result, "not_converged")["text"])
+        self.assertIn("add a step with loss huber or none", self.one(result, "not_converged")["text"])
 
 
 class Unseen(Input):

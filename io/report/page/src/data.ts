@@ -79,6 +79,7 @@ export interface Warning extends Notice { names?: string[] }
 export interface Finding extends Notice { where?: string[]; chi2_as_is?: Maybe; chi2_corrected?: Maybe }
 export interface Leverage { sample: string; parameter: string; moved_sigmas: Maybe }
 
+/** A link of the drawing, parents first: `parent` is an index (-1: root), `before` and `after` are parent_T_joint. */
 export interface Link {
   /** Of the root only name and parent are there; of a joint without motion no axis. */
   name: string; parent: number; joint?: string; type?: string; axis?: number[]; before?: Pose7; after?: Pose7;
@@ -90,10 +91,13 @@ export interface Link {
   scale?: [number, number];
   boxes?: { pose: Pose7; size: number[] }[];
 }
+/** `link` is an index, `before` and `after` are link_T_sensor. `covariance`: [xx, xy, xz, yy, yz, zz] in m²
+ * of the position relative to the base, at the first sample's readings. */
 export interface SceneSensor {
   name: string; type: string; link: number; before: Pose7 | null; after: Pose7 | null;
   image_size?: [number, number] | null; intrinsics?: number[] | null; baseline?: unknown; covariance?: number[];
 }
+/** `link`: -1 if the target is free; `points`: the first 500; `covariance` as of a sensor. */
 export interface SceneTarget {
   name: string; type?: string; link: number; before: Pose7 | null; after: Pose7 | null; points?: number[][]; covariance?: number[];
 }
