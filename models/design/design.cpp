@@ -177,11 +177,14 @@ DesignGoal frame_goal(const CalibratedRobot& robot, const Frame& frame,
   return out;
 }
 
-DesignGoal sight_goal(const CalibratedRobot& robot, const std::vector<Sample>& samples) {
+namespace {
+
+/// sight_goal() with sums over views in place of means; adds the views to `count`.
+DesignGoal sums_of_sights(const CalibratedRobot& robot, const std::vector<Sample>& samples,
+                          long& count) {
   DesignGoal out{"targets relative to the sensors", "m", {}, 0};
   const auto n = static_cast<Index>(robot.unknowns->columns.size());
   out.weight.setZero(n, n);
-  long count = 0;
   for (const Sample& sample : samples) {
     const Readings readings = completed(sample.readings);  // of a scanning joint there is none
     std::map<int, int> first;  // of a free target: the chain that holds it, or the first sensor
@@ -201,6 +204,14 @@ DesignGoal sight_goal(const CalibratedRobot& robot, const std::vector<Sample>& s
       ++count;
     }
   }
+  return out;
+}
+
+}  // namespace
+
+DesignGoal sight_goal(const CalibratedRobot& robot, const std::vector<Sample>& samples) {
+  long count = 0;
+  DesignGoal out = sums_of_sights(robot, samples, count);
   out.weight /= static_cast<double>(std::max(1L, count));
   out.readings /= static_cast<double>(std::max(1L, count));
   return out;
@@ -354,6 +365,60 @@ MatrixXd covariance_after(double times, const Solution& solution, const DataEqua
   return t * solve_symmetric(s, t.transpose());
 }
 
+/// A calibration fits its own samples better than others: with the rows R of one sample and the
+/// covariance C of all, C without that sample is C + C R' (1 - R C R')^-1 R C (Woodbury).
+class OwnInformation {
+ public:
+  /// Of these samples.
+  OwnInformation(const Linearisation& at, const CalibratedRobot& robot,
+                 const std::vector<int>& samples) {
+    const std::vector<Component>& all = robot.unknowns->columns;
+    const Estimation& problem = at.problem();
+    for (const Component& c : problem.columns())
+      columns_.push_back(static_cast<int>(std::find(all.begin(), all.end(), c) - all.begin()));
+    const auto n = static_cast<Index>(columns_.size());
+    normal_.setZero(n, n);
+    MatrixXd scratch;
+    for (size_t g = 0; g < problem.groups().size(); ++g) {
+      if (static_cast<int>(g) == problem.prior_group()) continue;
+      const std::vector<int>& touched = problem.groups()[g].columns;
+      const MatrixXd& kept = at.reduced_rows(g, scratch);
+      SampleRows rows{touched, kept.leftCols(static_cast<Index>(touched.size()))};
+      add_information({rows}, normal_);
+      if (std::count(samples.begin(), samples.end(), problem.sample_of(static_cast<int>(g))) == 0)
+        continue;
+      const Sample& sample = at.solution.samples()[problem.sample_of(static_cast<int>(g))];
+      const long before = views_;
+      DesignGoal goal = sums_of_sights(robot, {sample}, views_);
+      if (views_ == before) continue;
+      samples_.push_back({std::move(rows), goal.weight(columns_, columns_)});
+    }
+  }
+  /// Returns by how much (m^2) the mean square error at the samples grows without their own
+  /// information, with `times` the data.
+  double hides(double times, const MatrixXd& known) const {
+    const MatrixXd c = inverse_of_symmetric(known(columns_, columns_) + times * normal_);
+    double out = 0;
+    for (const OneSample& s : samples_) {
+      const MatrixXd seen = s.rows.rows * c(s.rows.columns, Eigen::all);
+      MatrixXd left = -seen(Eigen::all, s.rows.columns) * s.rows.rows.transpose();
+      left.diagonal().array() += 1;
+      out += solve_symmetric(left, seen * s.weight * seen.transpose()).trace();
+    }
+    return out / static_cast<double>(std::max(1L, views_));
+  }
+
+ private:
+  struct OneSample {
+    SampleRows rows;
+    MatrixXd weight;  // sum of J'J over its views
+  };
+  std::vector<int> columns_;  // of the problem, among all
+  MatrixXd normal_;
+  std::vector<OneSample> samples_;
+  long views_ = 0;
+};
+
 }  // namespace
 
 DesignFloor floor_of(const MatrixXd& known, const MatrixXd& data, const DesignGoal& goal) {
@@ -369,23 +434,27 @@ int enough_postures(const std::vector<double>& errors, double floor, const Desig
   return -1;
 }
 
-std::optional<MoreData> more_data(const Solution& solution, const DataEquations& data) {
+std::optional<MoreData> more_data(const Linearisation& at, const DataEquations& data) {
   constexpr size_t kSamples =
       20;  // that the mean is taken over: 100 would take 3 % of a calibration
+  const Solution& solution = at.solution;
   Unknowns unknowns;
   unknowns.columns = data.columns;
   const CalibratedRobot robot{&solution.rig(), &solution.table(), solution.values.shared, unknowns};
   const std::vector<int> training = solution.training();
-  std::vector<Sample> some;
-  for (size_t i = 0; i < std::min(kSamples, training.size()); ++i)
-    some.push_back(
-        solution.samples()[training[i * training.size() / std::min(kSamples, training.size())]]);
-  const DesignGoal goal = sight_goal(robot, some);
+  std::vector<int> some;
+  std::vector<Sample> samples;
+  for (size_t i = 0; i < std::min(kSamples, training.size()); ++i) {
+    some.push_back(training[i * training.size() / std::min(kSamples, training.size())]);
+    samples.push_back(solution.samples()[some.back()]);
+  }
+  const DesignGoal goal = sight_goal(robot, samples);
   if (!goal.weight.allFinite() || goal.weight.isZero(0)) return std::nullopt;
   const MatrixXd known = known_before(robot, solution.setup), root = root_of(goal.weight);
+  const OwnInformation own(at, robot, some);
   const auto error = [&](double times) {
     const MatrixXd c = covariance_after(times, solution, data, known);
-    return std::sqrt(std::max(0.0, root.cwiseProduct(c * root).sum()));
+    return std::sqrt(std::max(0.0, root.cwiseProduct(c * root).sum() + own.hides(times, known)));
   };
   MoreData out;
   out.now = error(1);

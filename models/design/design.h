@@ -27,6 +27,7 @@
 
 #include "../../solver/progress.h"
 #include "../analysis/frames.h"
+#include "../analysis/linearisation.h"
 #include "../estimation/setup.h"
 #include "../rig/samples.h"
 
@@ -110,8 +111,9 @@ struct MoreData {
                                   // if most of the error comes from them
 };
 /// `data` are the equations of the samples' solution. The errors are those that the solution
-/// predicts, including those by parameters that the automatic path holds. Returns nullopt if no
-/// estimated parameter affects the positions relative to the sensors.
-std::optional<MoreData> more_data(const Solution& solution, const DataEquations& data);
+/// predicts at postures like the samples', each without its own information, including those by
+/// parameters that the automatic path holds. Returns nullopt if no estimated parameter affects the
+/// positions relative to the sensors.
+std::optional<MoreData> more_data(const Linearisation& at, const DataEquations& data);
 
 }  // namespace kincal

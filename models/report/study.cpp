@@ -523,7 +523,7 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   const Linearisation at = linearise(report.solution);
   report.leverage = leverage(at, progress.between(0, 0.2));
   report.data = data_equations(at);
-  report.more = more_data(report.solution, report.data);
+  report.more = more_data(at, report.data);
   at.drop_reduced_rows();
   report.explanation = explain(at);
   std::vector<ViewResiduals> views = at.problem().residuals(at.state());
