@@ -11,9 +11,11 @@
 #include "../../io/document/numbers.h"
 #include "../../io/exchange/compensation_texts.h"
 #include "../../io/exchange/joint_table.h"
+#include "../../io/exchange/poses.h"
 #include "../../io/rig/rig_file.h"
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
+#include "../../models/rig/random_stream.h"
 #include "../../models/rig/words.h"
 #include "../job.h"
 #include "../signals.h"
@@ -25,7 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 
 struct CompensateArguments {
-  std::string result, postures, tip, from, out, header, module, data;
+  std::string result, postures, tip, from, out, header, module, data, pose_format, unit;
   bool position = false, force = false;
 };
 
@@ -65,38 +67,94 @@ RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const Compe
                    comma_separated(names_of(all_frames(file.rig, table))) + " is expected");
 }
 
+/// Postures of the rigid robot, and the joints that were asked for.
+struct Planned {
+  struct Row {
+    std::string where;
+    Readings readings;
+    std::optional<Pose> pose;  // that the real robot is to reach; none: that of the rigid one
+  };
+  std::vector<Row> rows;
+  std::vector<int> columns;
+};
+
+/// Reads a table of readings.
+Planned planned_readings(const CompensateArguments& a, const RobotTip& planned) {
+  const Rig& rig = *planned.robot.rig;
+  const JointTable table = read_joint_table(a.postures, rig, {});
+  for (const std::string& note : table.notes) std::cerr << "kincal: note: " << note << "\n";
+  Planned out;
+  for (size_t j = 0; j < rig.tree.joints.size(); ++j)
+    if (!table.rows.empty() && table.rows[0].joints.count(rig.tree.joints[j].name))
+      out.columns.push_back(static_cast<int>(j));
+  for (const JointRow& row : table.rows) {
+    Readings readings(rig.tree.joints.size(), kNan);
+    for (const auto& [name, value] : row.joints) readings[rig.tree.find_joint(name)] = value;
+    for (const int j : joints_between(rig, rig.base, planned.tip.link))
+      if (std::isnan(readings[j]))
+        throw InputError(row.where + ": there is no reading of joint '" + rig.tree.joints[j].name +
+                         "', which moves '" + planned.tip.name + "'");
+    out.rows.push_back({row.where, completed(std::move(readings)), {}});
+  }
+  return out;
+}
+
+/// Reads a table of poses. Of several postures that reach a pose: one near that of the row before.
+Planned planned_poses(const CompensateArguments& a, const RobotTip& real, const RobotTip& planned) {
+  constexpr int kStarts = 100;
+  const Rig& rig = *real.robot.rig;
+  Planned out;
+  out.columns = joints_between(rig, rig.base, real.tip.link);
+  if (out.columns.empty()) throw std::invalid_argument("no joint moves '" + real.tip.name + "'");
+  RandomStream random(1);
+  Readings start = completed(Readings(rig.tree.joints.size(), kNan));
+  for (const FlangePose& row :
+       read_flange_poses(a.postures, pose_format(a.pose_format), pose_unit(a.unit))) {
+    std::optional<Readings> found;
+    for (int trial = 0; trial < kStarts && !found; ++trial) {
+      for (const int j : out.columns) {
+        const auto [low, high] = usual_range(rig.tree.joints[j]);
+        if (trial == 1) start[j] = (low + high) / 2;
+        if (trial > 1) start[j] = random.uniform(low, high);
+      }
+      found = reach_pose(real, row.pose, start, a.position);
+    }
+    if (!found)
+      throw InputError(
+          row.where + ": no posture within the joints' limits was found in which '" +
+          planned.tip.name + "' stands at this pose relative to '" + planned.from.name + "'" +
+          (a.position || out.columns.size() >= 6 ? ""
+                                                 : "; with fewer than six joints use --position"));
+    start = *found;
+    out.rows.push_back(
+        {row.where, compensate(planned, row.pose, start, a.position).readings, row.pose});
+  }
+  return out;
+}
+
 /// The rows with the readings that reach the planned poses, as text, and a summary.
 struct CompensatedTable {
   std::string text, summary;
 };
 
-CompensatedTable compensated_table(const std::vector<JointRow>& rows, const RobotTip& real,
-                                   const RobotTip& planned, const CompensateArguments& a,
-                                   bool json) {
+CompensatedTable compensated_table(const Planned& all, const RobotTip& real,
+                                   const RobotTip& planned, bool position, bool json) {
   const Rig& rig = *real.robot.rig;
   const std::vector<int> needed = joints_between(rig, rig.base, real.tip.link);
+  const std::vector<int>& columns = all.columns;
   CompensatedTable out;
   double largest = 0, off = 0, most_off = 0, left = 0, left_turn = 0;
   int of = -1;
-  std::vector<int> columns;
-  for (size_t j = 0; j < rig.tree.joints.size(); ++j)
-    if (!rows.empty() && rows[0].joints.count(rig.tree.joints[j].name))
-      columns.push_back(static_cast<int>(j));
   if (!json)
     for (const int j : columns) out.text += (out.text.empty() ? "" : ",") + rig.tree.joints[j].name;
   if (!json) out.text += "\n";
-  for (const JointRow& row : rows) {
-    Readings readings(rig.tree.joints.size(), kNan);
-    for (const auto& [name, value] : row.joints) readings[rig.tree.find_joint(name)] = value;
-    for (const int j : needed)
-      if (std::isnan(readings[j]))
-        throw InputError(row.where + ": there is no reading of joint '" + rig.tree.joints[j].name +
-                         "', which moves '" + real.tip.name + "'");
-    readings = completed(std::move(readings));
-    const Compensated found = compensate(real, planned, readings, a.position);
+  for (const Planned::Row& row : all.rows) {
+    const Readings& readings = row.readings;
+    const Pose wanted = row.pose.value_or(planned.at(readings));
+    const Compensated found = compensate(real, wanted, readings, position);
     if (!std::isfinite(found.position))
       throw InputError(row.where + ": the robot has no equilibrium in this posture");
-    const double error = (real.at(readings).translation - planned.at(readings).translation).norm();
+    const double error = (real.at(readings).translation - wanted.translation).norm();
     off += error * error;
     most_off = std::max(most_off, error);
     left = std::max(left, found.position);
@@ -115,10 +173,10 @@ CompensatedTable compensated_table(const std::vector<JointRow>& rows, const Robo
               shortest(found.readings[j]);
     out.text += (json ? "{\"joints\": {" + line + "}}" : line) + "\n";
   }
-  if (rows.empty()) return out;
-  out.summary =
-      text("%zu postures: without this the tip is off by %.3g mm (rms), at most %.3g mm; ",
-           rows.size(), 1e3 * std::sqrt(off / static_cast<double>(rows.size())), 1e3 * most_off);
+  if (all.rows.empty()) return out;
+  out.summary = text(
+      "%zu postures: without this the tip is off by %.3g mm (rms), at most %.3g mm; ",
+      all.rows.size(), 1e3 * std::sqrt(off / static_cast<double>(all.rows.size())), 1e3 * most_off);
   if (of >= 0) {
     const bool slides = rig.tree.joints[of].type == JointType::prismatic;
     out.summary +=
@@ -126,12 +184,14 @@ CompensatedTable compensated_table(const std::vector<JointRow>& rows, const Robo
         rig.tree.joints[of].name + "); ";
   }
   out.summary +=
-      text("left: %.2g mm", 1e3 * left) + (a.position ? "" : text(", %.2g mrad", 1e3 * left_turn));
+      text("left: %.2g mm", 1e3 * left) + (position ? "" : text(", %.2g mrad", 1e3 * left_turn));
   return out;
 }
 
 int compensate_postures(const CompensateArguments& a) {
   const std::vector<std::string> outputs = {a.out, a.header, a.module, a.data};
+  if (a.pose_format.empty() && !a.unit.empty())
+    throw InputError("--unit requires --pose-format: readings are in rad and m");
   if (a.postures.empty() && a.header.empty() && a.module.empty() && a.data.empty())
     throw InputError("compensate: nothing to do: give POSTURES, --c-header, --python or --json");
   for (const std::string& output : outputs)
@@ -161,10 +221,10 @@ int compensate_postures(const CompensateArguments& a) {
       if (!a.data.empty()) files.emplace_back(a.data, compensation_json(data));
     }
     if (!a.postures.empty()) {
-      const JointTable table = read_joint_table(a.postures, real_file.rig, {});
-      for (const std::string& note : table.notes) std::cerr << "kincal: note: " << note << "\n";
       const bool json = fs::path(a.out.empty() ? a.postures : a.out).extension() == ".jsonl";
-      const CompensatedTable found = compensated_table(table.rows, real, planned, a, json);
+      const Planned rows =
+          a.pose_format.empty() ? planned_readings(a, planned) : planned_poses(a, real, planned);
+      const CompensatedTable found = compensated_table(rows, real, planned, a.position, json);
       std::cerr << found.summary << "\n";
       if (a.out.empty())
         std::cout << found.text;
@@ -195,7 +255,8 @@ Command compensate_command(CLI::App& app) {
       ->required();
   command->add_option("POSTURES", a->postures,
                       "readings planned with robot.urdf: a table (CSV with a header of joint "
-                      "names; rad, m) or JSON lines {\"joints\": {...}}");
+                      "names; rad, m) or JSON lines {\"joints\": {...}}; or, with "
+                      "--pose-format, poses of the tip");
   command
       ->add_option("--tip", a->tip,
                    "the frame that must reach its planned pose: a link, sensor/NAME or target/NAME")
@@ -206,6 +267,13 @@ Command compensate_command(CLI::App& app) {
                    "reference frame of that pose: a sensor/NAME or target/NAME that stands still, "
                    "or the base link; default: the only one that stands still")
       ->type_name("FRAME");
+  command
+      ->add_option("--pose-format", a->pose_format,
+                   "POSTURES is a table of poses of the tip relative to --from, in a convention of "
+                   "`kincal import`, for example xyzw, kuka, fanuc, abb, rotvec")
+      ->type_name("FORMAT");
+  command->add_option("--unit", a->unit,
+                      "unit of their lengths, m or mm, if it differs from the format's");
   command->add_flag("--position", a->position, "ignore the orientation of the tip");
   command->add_option("--out", a->out,
                       "file for the readings (.jsonl: JSON lines; else a table); "
@@ -222,7 +290,8 @@ Command compensate_command(CLI::App& app) {
       "gears. Plan with robot.urdf of the result and\n"
       "send the readings that this command computes from the plan: the tip then is where "
       "robot.urdf places it. A robot with fewer than six joints\n"
-      "comes as near as it can (1 rad counts as 1 m; --position: position only).\n"
+      "comes as near as it can (1 rad counts as 1 m; --position: position only). For a pose, the "
+      "posture found is near that of the row before.\n"
       "Exit codes: 0 done; 1 bad input, nothing written.");
   return {command, [a] { return compensate_postures(*a); }};
 }

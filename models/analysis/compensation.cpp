@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 
@@ -59,9 +60,8 @@ std::vector<Frame> still_frames(const Rig& rig, const ParameterTable& table) {
   return out;
 }
 
-Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
+Compensated compensate(const RobotTip& real, const Pose& wanted, const Readings& at,
                        bool position_only) {
-  const Pose wanted = planned.at(at);
   double least = std::numeric_limits<double>::infinity();
   Compensated out{at, least, least};
   Readings now = at;
@@ -90,8 +90,23 @@ Compensated compensate(const RobotTip& real, const RobotTip& planned, const Read
   return out;
 }
 
-std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point,
-                                    const Vector3d& wanted, const Readings& start) {
+Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
+                       bool position_only) {
+  return compensate(real, planned.at(at), at, position_only);
+}
+
+namespace {
+
+/// What is left of a task at a pose of the tip, and its derivative by the readings.
+struct TaskError {
+  VectorXd error;
+  MatrixXd by_readings;
+};
+using Task = std::function<TaskError(const Pose& base_T_tip, const TipMotion& motion)>;
+
+/// Returns readings within the joints' usual ranges at which less than 1 um (urad) of the task is
+/// left, by damped Gauss-Newton steps; joints that stand at a limit and would leave it stay.
+std::optional<Readings> reach(const RobotTip& robot, const Readings& start, const Task& task) {
   constexpr int kReachSteps = 50;
   constexpr double kNear = 1e-6, kLongest = 0.5, kReachDamping = 1e-6;  // m; rad or m; of the trace
   const Rig& rig = *robot.robot.rig;
@@ -99,16 +114,16 @@ std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point
   for (int step = 0; step < kReachSteps; ++step) {
     const Configuration at(rig, *robot.robot.table, robot.robot.values, now);
     const Pose base_T_tip = robot.base_T_tip(now);
-    const Vector3d e = inverse(base_T_tip) * wanted - point;
-    if (e.norm() < kNear) return now;
     const TipMotion motion = tip_motion(at, robot.tip, base_T_tip);
-    MatrixXd j = motion.columns.topRows<3>() - skew(point) * motion.columns.bottomRows<3>();
+    TaskError left = task(base_T_tip, motion);
+    if (left.error.norm() < kNear) return now;
+    MatrixXd& j = left.by_readings;
     VectorXd by;
     for (bool all = false; !all;) {  // again without the joints that would leave their limits
       MatrixXd gram = j * j.transpose();
       gram.diagonal().array() += kReachDamping * gram.trace();
       if (!(gram.trace() > 0)) return std::nullopt;
-      by = j.transpose() * solve_symmetric(gram, e);
+      by = j.transpose() * solve_symmetric(gram, left.error);
       all = true;
       for (Eigen::Index c = 0; c < by.size(); ++c) {
         const int joint = motion.joints[static_cast<size_t>(c)];
@@ -128,6 +143,28 @@ std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point
     }
   }
   return std::nullopt;
+}
+
+}  // namespace
+
+std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point,
+                                    const Vector3d& wanted, const Readings& start) {
+  return reach(robot, start, [&](const Pose& base_T_tip, const TipMotion& motion) {
+    return TaskError{inverse(base_T_tip) * wanted - point,
+                     motion.columns.topRows<3>() - skew(point) * motion.columns.bottomRows<3>()};
+  });
+}
+
+std::optional<Readings> reach_pose(const RobotTip& robot, const Pose& from_T_tip,
+                                   const Readings& start, bool position_only) {
+  const Pose wanted = robot.base_T_from(start) * from_T_tip;
+  const Eigen::Index rows = position_only ? 3 : 6;
+  return reach(robot, start, [&](const Pose& base_T_tip, const TipMotion& motion) {
+    const Pose left = inverse(base_T_tip) * wanted;
+    VectorXd e(6);
+    e << left.translation, log_so3(left.rotation);
+    return TaskError{e.head(rows), motion.columns.topRows(rows)};
+  });
 }
 
 }  // namespace kincal

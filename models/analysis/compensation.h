@@ -26,9 +26,11 @@ struct RobotTip {
   Pose base_T_tip(const Readings& readings) const {
     return base_T_frame(*robot.rig, *robot.table, robot.values, tip, readings);
   }
+  Pose base_T_from(const Readings& readings) const {
+    return base_T_frame(*robot.rig, *robot.table, robot.values, from, readings);
+  }
   Pose at(const Readings& readings) const {
-    return inverse(base_T_frame(*robot.rig, *robot.table, robot.values, from, readings)) *
-           base_T_tip(readings);
+    return inverse(base_T_from(readings)) * base_T_tip(readings);
   }
 };
 
@@ -45,11 +47,18 @@ struct Compensated {
 /// between base and tip stay. It allocates. @throws std::invalid_argument: no joint moves the tip
 Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
                        bool position_only);
+/// Returns the readings with which the tip stands at a pose, from readings near them.
+Compensated compensate(const RobotTip& real, const Pose& from_T_tip, const Readings& near,
+                       bool position_only);
 
 /// Returns readings within the joints' usual ranges at which a point of the tip (tip's frame, m) is
 /// within 1 um of `wanted` (base frame, m), by damped Gauss-Newton steps from `start`; joints that
 /// stand at a limit and would leave it stay. nullopt: these steps do not lead there.
 std::optional<Readings> reach_point(const RobotTip& robot, const Vector3d& point,
                                     const Vector3d& wanted, const Readings& start);
+/// Returns readings at which the tip is within 1 um and 1 urad of a pose (`position_only`: however
+/// it is turned), otherwise as reach_point().
+std::optional<Readings> reach_pose(const RobotTip& robot, const Pose& from_T_tip,
+                                   const Readings& start, bool position_only);
 
 }  // namespace kincal

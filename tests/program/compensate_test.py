@@ -2,7 +2,7 @@
 
 Robots whose joints bend and have error curves, as a result has them (rig.yaml beside rig_rigid.yaml), of five kinds: six axes in the stator's frame, seven in the rotor's with an arm beside them,
 a slide among the axes, a follower, pan and tilt. Proves: forward kinematics of the C99 header and of the Python module are those of the program (of `simulate`) to 1e-12 m; the readings that the three find are the same to 1e-6 rad (near singular postures rounding is that large), and the
-real robot's tip is then where the rigid one has it (of six axes or more; of two, nearer than without); tables and JSON lines; mistakes are named. After a calibration: the result's own files. Not proved: other compilers than
+real robot's tip is then where the rigid one has it (of six axes or more; of two, nearer than without); tables, JSON lines and poses; mistakes are named. After a calibration: the result's own files. Not proved: other compilers than
 the machine's, and that a robot so commanded is where it should be (that is the calibration's part).
 """
 import importlib.util
@@ -161,6 +161,32 @@ class Compensate(Folder):
         self.assertIn("--force", again.stderr)
         nearer = self.kincal("compensate", "rig.yaml", "postures.jsonl", "--tip", "hand", "--position")
         self.assertIn("left: ", nearer.stderr)
+
+    def test_poses(self):
+        """Readings for poses: where the real robot is at simulated readings, it is again at those that are found (its clean samples show both)."""
+        for kind in ("six", "two arms"):
+            with self.subTest(kind):
+                self.result_of(kind)
+                samples = self.simulated(20)
+                poses = [s["views"][0]["pose"] for s in samples]
+                self.write("poses.csv", "x,y,z,qx,qy,qz,qw\n" + "".join(",".join(repr(v) for v in p["xyz"] + p["quat"]) + "\n" for p in poses))
+                run = self.kincal("compensate", "rig.yaml", "poses.csv", "--pose-format", "xyzw", "--tip", "target/ball", "--out", "found.jsonl", "--force")
+                self.assertIn("20 postures: ", run.stderr)
+                found = [json.loads(line)["joints"] for line in self.read("found.jsonl").splitlines()]
+                self.write("again.jsonl", "".join(json.dumps({"id": s["id"], "joints": q, "views": [{"sensor": "tracker", "target": "ball"}]}) + "\n"
+                                                  for s, q in zip(samples, found)))
+                self.kincal("simulate", "rig.yaml", "--postures", "again.jsonl", "--samples", "20", "--seed", "1", "--out", "again", "--quiet", "--force")
+                for line, p in zip(self.read("again", "samples.jsonl").splitlines(), poses):
+                    q = json.loads(line)["views"][0]["pose"]
+                    self.assertLess(max(abs(a - b) for a, b in zip(p["xyz"], q["xyz"])), 1e-9)
+                    self.assertLess(1 - abs(sum(a * b for a, b in zip(p["quat"], q["quat"]))), 1e-12)
+        self.write("far.csv", "x,y,z,qx,qy,qz,qw\n9,0,0,0,0,0,1\n")
+        run = self.run_kincal("compensate", "rig.yaml", "far.csv", "--pose-format", "xyzw", "--tip", "hand")
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("far.csv:2: no posture within the joints' limits was found in which 'hand' stands at this pose relative to 'sensor/tracker'", run.stderr)
+        run = self.run_kincal("compensate", "rig.yaml", "far.csv", "--unit", "mm", "--tip", "hand")
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("--unit requires --pose-format", run.stderr)
 
     def test_mistakes(self):
         self.result_of("six")
