@@ -8,6 +8,7 @@
 
 #include "../fitting/fit.h"
 #include "guessed_noise.h"
+#include "other_robot.h"
 
 namespace kincal {
 namespace {
@@ -230,6 +231,17 @@ struct Start {
   VectorXd initial;
 };
 
+FitOptions fit_options_of(const AutomaticOptions& options, const char* stage) {
+  FitOptions out;
+  out.trust_start = true;
+  out.solver.threads = options.threads;
+  out.solver.linear_solver = options.linear_solver;
+  out.solver.relative_decrease = 1e-7;
+  out.solver.second_derivatives = false;  // residuals are as large as their noise
+  out.solver.progress = options.progress.in(stage);
+  return out;
+}
+
 Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroups& groups,
               VectorXd factor, const AutomaticOptions& options, const Start& from) {
   Learned out;
@@ -241,13 +253,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   setup.free = plan.free;
   setup.initial = from.initial;
   const auto members = starting_widths(groups);
-  FitOptions fit_options;
-  fit_options.trust_start = true;
-  fit_options.solver.threads = options.threads;
-  fit_options.solver.linear_solver = options.linear_solver;
-  fit_options.solver.relative_decrease = 1e-7;
-  fit_options.solver.second_derivatives = false;  // residuals are as large as their noise
-  fit_options.solver.progress = options.progress.in("widths");
+  FitOptions fit_options = fit_options_of(options, "widths");
   bool settled = false;
   FixedPoint steps = noise_steps();
   if (options.scale_noise) out.noise_factor = options.begin.noise_factor;
@@ -292,23 +298,51 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   }
 }
 
+/// The predicted error of a member that no measurement depends on: `place` in groups and in the
+/// unseen ones of its group.
+double unseen_sigma(const AutomaticGroups& groups, const Learned& learned,
+                    const Selection& selection, const std::vector<OtherRobot>& others,
+                    const std::pair<size_t, size_t>& place) {
+  const auto& [g, i] = place;
+  const auto k = static_cast<Eigen::Index>(g);
+  const WidthGroup& group = groups.groups[g];
+  double out = learned.widths.factor(k) * group.unseen[i].start * std::sqrt(selection.inflation(k));
+  for (const OtherRobot& other : others)
+    if (other.group == static_cast<int>(g)) out = other.mixed(group.members.size() + i, out);
+  return out;
+}
+
+/// The largest width of a group's members over its starting width.
+double widest(const WidthGroup& group, int g, double factor,
+              const std::vector<OtherRobot>& others) {
+  double out = factor;
+  for (const OtherRobot& other : others)
+    for (size_t k = 0; other.group == g && k < other.width.size(); ++k) {
+      const size_t seen = group.members.size();
+      const double start = (k < seen ? group.members[k] : group.unseen[k - seen]).start;
+      out = std::max(out, other.mixed(k, factor * start) / start);
+    }
+  return out;
+}
+
 /// What errors are predicted from: all that was estimated or held, and what no measurement sees.
 Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
-                         const Selection& selection) {
+                         const Selection& selection, const std::vector<OtherRobot>& others) {
   Prediction out;
   out.columns = learned.columns;
-  std::vector<double> variance;
+  std::vector<double> sigma;
   for (size_t g = 0; g < groups.groups.size(); ++g)
-    for (const Member& m : groups.groups[g].unseen) {
-      const double width = learned.widths.factor(static_cast<Eigen::Index>(g)) * m.start;
-      out.columns.push_back(m.component);
-      variance.push_back(width * width * selection.inflation(static_cast<Eigen::Index>(g)));
+    for (size_t i = 0; i < groups.groups[g].unseen.size(); ++i) {
+      out.columns.push_back(groups.groups[g].unseen[i].component);
+      sigma.push_back(unseen_sigma(groups, learned, selection, others, {g, i}));
     }
   const auto n = static_cast<Eigen::Index>(learned.columns.size()),
              all = static_cast<Eigen::Index>(out.columns.size());
   out.covariance.setZero(all, all);
-  out.covariance.topLeftCorner(n, n) = selection.second_moment;
-  for (Eigen::Index i = n; i < all; ++i) out.covariance(i, i) = variance[i - n];
+  MatrixXd moment = selection.second_moment;
+  for (const OtherRobot& other : others) moment = other.mixed(moment);
+  out.covariance.topLeftCorner(n, n) = moment;
+  for (Eigen::Index i = n; i < all; ++i) out.covariance(i, i) = sigma[i - n] * sigma[i - n];
   return out;
 }
 
@@ -358,7 +392,8 @@ void set_predicted_sigmas(Solution& solution) {
 }
 
 std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& learned,
-                                 const Selection& selection, const Solution& solution) {
+                                 const Selection& selection, const std::vector<OtherRobot>& others,
+                                 const Solution& solution) {
   const ParameterTable& table = solution.table();
   std::vector<AutomaticGroup> out;
   for (size_t g = 0; g < groups.groups.size(); ++g) {
@@ -366,6 +401,7 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
     AutomaticGroup one;
     one.name = groups.groups[g].name;
     one.factor = learned.widths.factor(k);
+    one.widest = widest(groups.groups[g], static_cast<int>(g), one.factor, others);
     one.gamma = learned.widths.gamma(k);
     one.gain = selection.gain(k);
     one.held = selection.whole[g];
@@ -387,10 +423,11 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
       number.sigma = std::sqrt(solution.prediction->covariance(c, c));
       one.numbers.push_back(number);
     }
-    for (const Member& m : groups.groups[g].unseen) {
-      const double width = one.factor * m.start;
+    for (size_t i = 0; i < groups.groups[g].unseen.size(); ++i) {
+      const Member& m = groups.groups[g].unseen[i];
       one.unseen.push_back({table.name(m.component), table.unit(m.component), 0,
-                            width * std::sqrt(selection.inflation(k)), width, 0, true});
+                            unseen_sigma(groups, learned, selection, others, {g, i}),
+                            one.factor * m.start, 0, true});
     }
     out.push_back(std::move(one));
   }
@@ -494,10 +531,13 @@ Calibrated calibrate_groups(const Model& model) {
   }
   solution.replaced_starts = mounts.replaced_starts;
   if (!solution.usable() && solution.status != Status::not_converged) return {out, {}};
-  solution.prediction = prediction_of(groups, learned, selection);
+  const FitWidths at{learned.problem, learned.columns};
+  const std::vector<OtherRobot> others =
+      other_robots(*learned.recording, {groups, at, learned.widths, learned.setup, learned.values},
+                   fit_options_of(options, "lengths of another robot"));
+  solution.prediction = prediction_of(groups, learned, selection, others);
   fix_factor_of_loads(recording.table, solution.values.shared, *solution.prediction);
-  out.other_models =
-      other_models(recording, {learned.problem, learned.columns}, learned.widths, solution.initial);
+  out.other_models = other_models(recording, at, learned.widths, solution.initial);
   for (const OtherModel& other : out.other_models)
     if (const Eigen::Index n = other.moved.size())
       solution.prediction->covariance.topLeftCorner(n, n) +=
@@ -506,7 +546,7 @@ Calibrated calibrate_groups(const Model& model) {
                           learned.other_models.end());
   set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
-  out.groups = told(groups, learned, selection, solution);
+  out.groups = told(groups, learned, selection, others, solution);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
   out.noise_factor = learned.noise_factor;

@@ -30,6 +30,8 @@ struct AutomaticGroup {
   std::string name;
   std::vector<AutomaticNumber> numbers, unseen;
   double factor = 1;  // of the starting widths
+  double widest = 1;  // of the member predicted with the largest: above `factor` if lengths may be
+                      // those of another robot (other_robot.h)
   double gamma = 0;   // effective number of components that the data determine
   double gain = 0;    // log evidence against all of them being nominal
   bool held = false;  // all of them are fixed

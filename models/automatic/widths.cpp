@@ -9,7 +9,6 @@
 namespace kincal {
 namespace {
 
-const double kSpread = std::log(3.0);                       // of the hyperprior
 const double kAnyWidth = std::log(10.0);                    // of widths that robots have at all
 constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
 constexpr double kLargestWidth = 2;  // of the widths that are weighed, in spreads of the hyperprior
@@ -152,7 +151,7 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
     double largest = 0;
     for (int k = 0; k < p.groups; ++k) {
       if (!p.learns(k)) continue;
-      const double u = std::log(factor(k)), h = 1 / (kSpread * kSpread);
+      const double u = std::log(factor(k)), h = 1 / (kWidthSpread * kWidthSpread);
       const double slope = squares(k) - out.gamma(k) - u * h;
       const double step = std::clamp(slope / (2 * std::max(squares(k), out.gamma(k)) + h),
                                      -kLargestStep, kLargestStep);
@@ -222,8 +221,8 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group)
                      root.cwiseProduct(block(widths.posterior.value, members)),
                  square = y.cwiseAbs2();
   // With widths f times the best H loses d = 1 - 1 / f^2 of each direction's prior.
-  const VectorXd by = VectorXd::LinSpaced(2 * kGrid + 1, -kLargestWidth * kSpread,
-                                          kLargestWidth * kSpread),
+  const VectorXd by = VectorXd::LinSpaced(2 * kGrid + 1, -kLargestWidth * kWidthSpread,
+                                          kLargestWidth * kWidthSpread),
                  f2 = (2 * by).array().exp(), d = 1 - f2.array().inverse();
   const double best = std::log(widths.factor(group));
   // The log evidence with widths exp(b) times the best, against that.
@@ -236,7 +235,8 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group)
   VectorXd weight(by.size());  // 1 at the best widths
   for (Eigen::Index i = 0; i < by.size(); ++i) {
     const double u = best + by(i);
-    weight(i) = std::exp(log_evidence(by(i)) + (best * best - u * u) / (2 * kSpread * kSpread));
+    weight(i) =
+        std::exp(log_evidence(by(i)) + (best * best - u * u) / (2 * kWidthSpread * kWidthSpread));
   }
   const VectorXd u = VectorXd::LinSpaced(8 * kGrid + 1, -4 * kAnyWidth, 4 * kAnyWidth);
   VectorXd wide = (-u.array().square() / (2 * kAnyWidth * kAnyWidth)).exp();

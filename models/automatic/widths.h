@@ -49,6 +49,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <vector>
 
 namespace kincal {
@@ -60,6 +61,8 @@ using Eigen::VectorXd;
 constexpr double kNominal = 0.25;
 // The gain of log evidence from which a group is kept.
 constexpr double kEvidence = 3;
+// The spread of log factors of widths: their hyperprior's standard deviation.
+const double kWidthSpread = std::log(3.0);
 
 struct WidthProblem {
   MatrixXd normal;         // N, n x n

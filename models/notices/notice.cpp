@@ -179,7 +179,8 @@ const Row kRows[] = {
     {NK::width,
      "width",
      Severity::doubt,
-     "Automatic path: the parameters of a group are off by more than 9 times the usual error.",
+     "Automatic path: the parameters of a group are off by more than 9 times the usual error, or "
+     "lengths are likely those of another robot.",
      0,
      {NK::sigma}},
     {NK::contradicted, "contradicted", Severity::doubt,

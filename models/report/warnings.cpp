@@ -451,8 +451,8 @@ void warn_of_widths(const Report& report, Notices& out) {
     if (is_unusual(group))
       wide.push_back({{Subject::Kind::group, group.name},
                       "parameters of group '" + group.name +
-                          text("' are off by %.0f times the usual amount", group.factor),
-                      group.factor});
+                          text("' are off by %.0f times the usual amount", group.widest),
+                      group.widest});
   if (!wide.empty()) {
     out.push_back(notice_of(NoticeKind::width, "groups are much worse than usual", std::move(wide),
                             "they may absorb a mistake in the rig or the data",

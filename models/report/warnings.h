@@ -15,7 +15,7 @@ constexpr double kUnusualWidth = 9;
 /// Returns whether a group's errors are far larger than usual, so that it may absorb a mistake.
 /// (Usual compliances apply only to loads unlike those of rods of 1 kg.)
 inline bool is_unusual(const AutomaticGroup& group) {
-  return !group.held && group.factor > kUnusualWidth && !is_bending(group.name);
+  return !group.held && group.widest > kUnusualWidth && !is_bending(group.name);
 }
 
 /// Both return one warning of each kind, the most important first. If a step did not converge they

@@ -554,8 +554,43 @@ class Others(Program):
                 self.at_most(result, sensor, figure)
 
 
+class OtherRobot(Program):
+    """The URDF of a UR5 for a UR5e: nothing shows the first of its lengths, 73 mm off, and 24 mm in one of four are 6 mm in each."""
+    LENGTHS = {"joint/shoulder_pan_joint/origin": [0, 0, 0.0733], "joint/wrist_1_joint/origin": [0, 0, -5e-5], "joint/wrist_2_joint/origin": [0, 0.02415, 0],
+               "joint/wrist_3_joint/origin": [0, 0, 0.00505]}
+    OTHERS = {"sensor/cam/pose": [0.02, -0.06, 0.05, 0.03, -0.02, 1.5], "target/board/pose": [0.5, 0, 0.02, -3.1216, 0.01, 0.3],
+              "joint/wrist_2_joint/offset": 4e-3, "joint/elbow_joint/offset": -3e-3}
+
+    def calibrated(self, lengths, seed):
+        """The result, and the predicted errors of the tool in the base, m."""
+        self.kincal("init", os.path.join(DATA, "urdf", "ur5.urdf"), "--sensor", "camera:tool0:cam", "--intrinsics", "803,801.5,636.2,481.1", "--image-size", "1280x960",
+                    "--target", "chessboard:6x9:0.025@base_link", "--out", "rig.yaml", "--force")
+        self.write("rig.yaml", self.read("rig.yaml").replace("{guess: 0.0002}", "0.00005").replace("{guess: 0.2}", "0.1"))
+        self.write("truth.json", json.dumps({"parameters": {**{k: v + [0, 0, 0] for k, v in lengths.items()}, **self.OTHERS}}))
+        self.kincal("simulate", "rig.yaml", "--samples", "30", "--seed", str(seed), "--truth", "truth.json", "--out", "simulated", "--force", "--quiet")
+        result = self.automatic("rig.yaml", os.path.join(self.dir, "simulated", "samples.jsonl"), options=("--report-frame", "tool0"))
+        return result, [w["position"]["rms"] for w in result["validation"]["frames"]["tool0"]["workspaces"].values()]
+
+    def test_lengths_of_another_robot(self):
+        """The tool is off by 58 mm, which three predicted sigmas cover; that lengths are off by far more than usual is said."""
+        for seed in (1, 2, 3):
+            result, predicted = self.calibrated(self.LENGTHS, seed)
+            self.assertNotEqual(result["verdict"]["use"], "good")
+            self.assertIn("compare the rig's values of these parameters with the robot", result["verdict"]["text"])
+            (text,) = [w["text"] for w in result["warnings"] if w["id"] == "width"]
+            self.assertIn("group 'lengths/", text)
+            self.assertGreater(min(predicted), 0.0578 / 3, seed)
+
+    def test_lengths_as_machined(self):
+        for seed in (1, 2, 3):
+            result, predicted = self.calibrated({k: [3e-4 * (-1) ** i for i in range(3)] for k in self.LENGTHS}, seed)
+            self.assertEqual(result["verdict"]["use"], "good")
+            self.assertNotIn("width", [w["id"] for w in result["warnings"]])
+            self.assertLess(max(predicted), 0.012, seed)
+
+
 if __name__ == "__main__":
     if GROUP not in ("Init", "Parallel") and not os.path.isdir(os.path.join(DATA, "aubo-i10")):
         sys.exit(77)
-    suite = unittest.defaultTestLoader.loadTestsFromTestCase({"Init": Init, "Parallel": Parallel, "Aubo": Aubo, "Panda": Panda, "Others": Others}[GROUP])
+    suite = unittest.defaultTestLoader.loadTestsFromTestCase({"Init": Init, "Parallel": Parallel, "Aubo": Aubo, "Panda": Panda, "Others": Others, "OtherRobot": OtherRobot}[GROUP])
     sys.exit(not unittest.TextTestRunner(verbosity=2).run(suite).wasSuccessful())

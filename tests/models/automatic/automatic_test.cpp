@@ -7,9 +7,10 @@
 // robot that is as drawn stays so to the last bit; joints that no measurement sees count in them;
 // one or two samples never give a calibration; what is fixed is in no step; it can be cancelled
 // wherever it is; the order of samples does not matter; the error that more samples would lower is
-// the one that the covariance predicts. Does not prove: that predictions are right
-// on average (too few robots: that was measured over hundreds of them), nor anything of robots with
-// other sensors.
+// the one that the covariance predicts; lengths of another robot are unusual, and a first length
+// that nothing measures is covered by the predicted error then. Does not prove: that predictions
+// are right on average (too few robots: that was measured over hundreds of them), nor anything of
+// robots with other sensors.
 #include "../../../models/automatic/automatic.h"
 
 #include <algorithm>
@@ -344,6 +345,30 @@ TEST_CASE("automatic: a robot that is as drawn stays so") {
       CHECK((kind == ParameterKind::sensor_pose || kind == ParameterKind::target_pose));
     }
   }
+}
+
+TEST_CASE("automatic: a drawing of another robot is unusual, and errors are predicted that large") {
+  for (const unsigned long seed : {1, 2, 3}) {
+    Rig truth = built();
+    truth.tree.joints[0].parent_T_joint.translation.z() += 0.06;  // nothing measures it
+    truth.tree.joints[2].parent_T_joint.translation.z() -= 0.012;
+    truth.tree.joints[3].parent_T_joint.translation.x() += 0.014;
+    const AutomaticCalibration found = calibrated(truth, 25, seed);
+    INFO("seed " << seed << "\n" << described(found));
+    REQUIRE(found.solution.status == Status::converged);
+    CHECK(group(found, "lengths/a1..a6").factor < 9);
+    CHECK(group(found, "lengths/a1..a6").widest > 9);
+    for (const char* frame : {"sensor/eye", "target/board"}) {
+      const Told told = of_frame(found.solution, truth, frame);
+      INFO(frame << ": off by " << told.actual * 1e3 << " mm, predicted " << told.predicted * 1e3);
+      CHECK(told.actual > 0.05);
+      CHECK(told.actual < 3 * told.predicted);
+    }
+    const Told told = of_corners(found.solution, truth);
+    CHECK(told.actual < 3 * told.predicted);
+  }
+  const AutomaticCalibration machined = calibrated(built(), 25, 4);
+  for (const AutomaticGroup& g : machined.groups) CHECK(g.widest == g.factor);
 }
 
 TEST_CASE("automatic: joints that no measurement sees count in frames relative to the base") {

@@ -96,7 +96,7 @@ TEST_CASE("verdict: good, doubts, and no") {
   report.solution.parameters = loose;
   report.automatic.resize(1);
   report.automatic[0].name = "offsets";
-  report.automatic[0].factor = 112;
+  report.automatic[0].factor = report.automatic[0].widest = 112;
   CHECK(judged(report).use == "no");
   CHECK_THAT(words(report), StartsWith("parameters of group 'offsets' are off by 112 times"));
   CHECK_THAT(words(report), Contains(besides));
@@ -213,7 +213,7 @@ TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   Report report = converged(1);
   report.automatic.resize(1);
   report.automatic[0].name = "offsets";
-  report.automatic[0].factor = 17;
+  report.automatic[0].widest = 17;
   report.diagnosis.emplace();
   report.diagnosis->findings = {make_notice(NoticeKind::same_samples, {Subject::sample("again")},
                                             "samples '01' and 'again' are the same", "",
