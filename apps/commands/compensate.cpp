@@ -1,8 +1,9 @@
-// `kincal compensate`: readings for a robot whose joints bend or have error curves.
+// `kincal compensate`: readings for a robot with errors that a URDF cannot express.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 
 #include "../../io/document/error.h"
 #include "../../io/document/files.h"
@@ -28,6 +29,7 @@ namespace fs = std::filesystem;
 
 struct CompensateArguments {
   std::string result, postures, tip, from, out, header, module, data, pose_format, unit;
+  std::optional<double> temperature;
   bool position = false, force = false;
 };
 
@@ -62,7 +64,9 @@ Frame seen_from(const RigFile& file, const ParameterTable& table, const std::str
 RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const CompensateArguments& a) {
   const std::optional<Frame> tip = find_frame(file.rig, table, a.tip);
   const Frame from = seen_from(file, table, a.from);
-  if (tip) return {{&file.rig, &table, table.initial, {}}, *tip, from};
+  Conditions conditions;
+  conditions.temperature = a.temperature;
+  if (tip) return {{&file.rig, &table, table.initial, {}}, *tip, from, conditions};
   throw InputError("--tip: there is no frame '" + a.tip + "'; one of " +
                    comma_separated(names_of(all_frames(file.rig, table))) + " is expected");
 }
@@ -207,11 +211,13 @@ int compensate_postures(const CompensateArguments& a) {
     throw InputError(
         a.result +
         ": nothing to compensate: there is no rig_rigid.yaml, which `calibrate` writes only if "
-        "joints bend or have error curves; robot.urdf has the whole calibration");
+        "joints have errors that a URDF cannot express; robot.urdf has the whole calibration");
   const RigFile planned_file = read_rig(rigid.string());
   const ParameterTable real_table(real_file.rig), planned_table(planned_file.rig);
   const RobotTip real = robot_tip(real_file, real_table, a),
                  planned = robot_tip(planned_file, planned_table, a);
+  if (!a.postures.empty() && !a.temperature && real_table.has(ParameterKind::temperature))
+    throw InputError("--temperature is required: joints of this robot depend on it");
   std::vector<std::pair<std::string, std::string>> files;
   try {
     if (!a.header.empty() || !a.module.empty() || !a.data.empty()) {
@@ -247,11 +253,10 @@ int compensate_postures(const CompensateArguments& a) {
 Command compensate_command(CLI::App& app) {
   auto a = std::make_shared<CompensateArguments>();
   CLI::App* command = app.add_subcommand(
-      "compensate", "Correct planned readings for joints that bend or have error curves");
+      "compensate", "Correct planned readings for errors that a URDF cannot express");
   command
       ->add_option("RESULT", a->result,
-                   "result directory of a robot whose joints bend or have "
-                   "error curves")
+                   "result directory of a robot with errors that a URDF cannot express")
       ->required();
   command->add_option("POSTURES", a->postures,
                       "readings planned with robot.urdf: a table (CSV with a header of joint "
@@ -274,6 +279,10 @@ Command compensate_command(CLI::App& app) {
       ->type_name("FORMAT");
   command->add_option("--unit", a->unit,
                       "unit of their lengths, m or mm, if it differs from the format's");
+  command
+      ->add_option("--temperature", a->temperature,
+                   "of the robot, degrees Celsius; required if joints depend on it")
+      ->type_name("CELSIUS");
   command->add_flag("--position", a->position, "ignore the orientation of the tip");
   command->add_option("--out", a->out,
                       "file for the readings (.jsonl: JSON lines; else a table); "

@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <cmath>
+#include <optional>
 
 #include "../../io/document/files.h"
 #include "../../io/document/numbers.h"
@@ -399,10 +400,10 @@ py::tuple compensate_readings(const std::shared_ptr<PyRig>& real,
                               const std::shared_ptr<PyRig>& planned,
                               const std::pair<std::string, std::string>& tip_base,
                               const std::vector<std::string>& joints, const Array& values,
-                              bool position_only) {
+                              const std::pair<bool, std::optional<double>>& how) {
   const std::vector<Compensated> found =
       compensate_postures(*real, *planned, postures_of(joints, values),
-                          {tip_base.first, tip_base.second, position_only});
+                          {tip_base.first, tip_base.second, how.first, how.second});
   Array out(std::vector<py::ssize_t>{values.shape(0), values.shape(1)}),
       left(std::vector<py::ssize_t>{values.shape(0), 2});
   for (size_t r = 0; r < found.size(); ++r) {
@@ -528,7 +529,7 @@ PYBIND11_MODULE(_kincal, m) {
   m.def("forward", forward, py::arg("rig"), py::arg("joints"), py::arg("values"), py::arg("frame"),
         py::arg("base"));
   m.def("compensate", compensate_readings, py::arg("real"), py::arg("planned"), py::arg("tip_base"),
-        py::arg("joints"), py::arg("values"), py::arg("position_only"));
+        py::arg("joints"), py::arg("values"), py::arg("position_only_temperature"));
   m.def(
       "report_page", [](const Texts& files) { return Text(make_page(files_of(files))); },
       py::arg("files"));

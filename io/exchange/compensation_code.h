@@ -16,6 +16,11 @@ struct kincal_joint {
   struct kincal_pose origin;
   double axis[3], scale, offset, factor, shift;
   const double* curve;
+  double temperature; /* per kelvin */
+  int ripples, couplings;
+  const double* ripple; /* ratio, cos, sin, cos 2, sin 2 of each */
+  const int* coupled_to;
+  const double* coupling;
   double basis[9], compliance[3], load[3];
 };
 struct kincal_robot {
@@ -96,11 +101,19 @@ static double kincal_curve(const double* c, double reading, double* slope) {
   }
   return out;
 }
+static double kincal_temperature = 20; /* of the robot, degrees Celsius: set it */
 static double kincal_position(const struct kincal_joint* j, const double* q, double* by_reading) {
   double slope = 0, out;
   if (j->type == 0) return *by_reading = 0;
-  out = j->scale * q[j->reading] + j->offset;
+  out = j->scale * q[j->reading] + j->offset + j->temperature * (kincal_temperature - 20);
   if (j->curve) out += kincal_curve(j->curve, q[j->reading], &slope);
+  for (int i = 0; i < 2 * j->ripples; ++i) {
+    const double *of = j->ripple + 5 * (i / 2), *c = of + 1 + 2 * (i % 2);
+    const double ratio = (1 + i % 2) * of[0], angle = ratio * q[j->reading];
+    out += c[0] * cos(angle) + c[1] * sin(angle);
+    slope += ratio * (c[1] * cos(angle) - c[0] * sin(angle));
+  }
+  for (int i = 0; i < j->couplings; ++i) out += j->coupling[i] * q[j->coupled_to[i]];
   *by_reading = j->factor * (j->scale + slope);
   return j->factor * out + j->shift;
 }
@@ -259,18 +272,22 @@ static int kincal_compensate(const double planned[KINCAL_READINGS], int rows,
       const int side = kincal_side(&kincal_real, j);
       double axis[3], arm[3], v[3];
       if (side == 0 || joint->type == 0) continue;
-      moving[joint->reading] = 1;
       kincal_turn(poses.frame[j].r, joint->axis, axis);
-      for (int i = 0; i < 3; ++i) axis[i] *= side * poses.by_reading[j];
+      for (int i = 0; i < 3; ++i) axis[i] *= side;
       for (int i = 0; i < 3; ++i) arm[i] = root_tip.p[i] - poses.frame[j].p[i];
       kincal_cross(axis, arm, v);
       if (joint->type == 2)
         for (int i = 0; i < 3; ++i) v[i] = axis[i], axis[i] = 0;
       kincal_turn_back(root_tip.r, v, v);
       kincal_turn_back(root_tip.r, axis, axis);
-      for (int i = 0; i < 3; ++i) {
-        jacobian[i][joint->reading] += v[i];
-        jacobian[3 + i][joint->reading] += axis[i];
+      for (int c = -1; c < joint->couplings; ++c) {
+        const int reading = c < 0 ? joint->reading : joint->coupled_to[c];
+        const double by = c < 0 ? poses.by_reading[j] : joint->factor * joint->coupling[c];
+        moving[reading] = 1;
+        for (int i = 0; i < 3; ++i) {
+          jacobian[i][reading] += by * v[i];
+          jacobian[3 + i][reading] += by * axis[i];
+        }
       }
     }
     for (int i = 0; i < KINCAL_READINGS; ++i) columns += moving[i];
@@ -305,10 +322,13 @@ inline constexpr char kCompensationModuleHead[] =
 
 forward(q): 4 x 4 pose of DATA['tip'] in DATA['base'] of the real robot at readings q, in the order of DATA['readings'] (rad, m);
 forward(q, 'planned') that of the robot without (robot.urdf).  compensate(q): the readings with which the real robot is where the planned one is at q.
+Set temperature, that of the robot (degrees Celsius), if DATA has joints whose position depends on it.
 """
 import json
 
 import numpy as np
+
+temperature = 20.0
 
 )py";
 
@@ -357,6 +377,18 @@ def curve(values, reading):
     return w @ c, n / (2 * np.pi) * (d @ c)
 
 
+def ripple(terms, reading):
+    """The ripple of gears at a reading, and its slope."""
+    ratio, c1, s1, c2, s2 = np.reshape(terms, (-1, 5)).T
+    a = ratio * reading
+    return (np.sum(c1 * np.cos(a) + s1 * np.sin(a) + c2 * np.cos(2 * a) + s2 * np.sin(2 * a)),
+            np.sum(ratio * (s1 * np.cos(a) - c1 * np.sin(a) + 2 * (s2 * np.cos(2 * a) - c2 * np.sin(2 * a)))))
+
+
+def coupled(j):
+    return list(zip(j.get('coupled_to', []), j.get('coupling', [])))
+
+
 def stand(robot, q):
     """Poses of every joint's frame (bent, before its motion) and of the link behind it, seen from the root; motion by the reading."""
     joints = robot['joints']
@@ -367,6 +399,8 @@ def stand(robot, q):
             continue
         reading = q[j['reading']]
         error, slope = curve(j['curve'], reading) if 'curve' in j else (0, 0)
+        more, by = ripple(j['ripple'], reading) if 'ripple' in j else (0, 0)
+        error, slope = error + more + j.get('temperature', 0) * (temperature - 20) + sum(c * q[o] for o, c in coupled(j)), slope + by
         at = j['factor'] * (j['scale'] * reading + j['offset'] + error) + j['shift']
         by_reading[i] = j['factor'] * (j['scale'] + slope)
         axis = np.array(j['axis'])
@@ -450,11 +484,12 @@ def compensate(planned, rows=6):
             j = robot['joints'][i]
             if j['type'] == 'fixed':
                 continue
-            axis = (1 if i in to_tip else -1) * by_reading[i] * (frames[i][:3, :3] @ j['axis'])
+            axis = (1 if i in to_tip else -1) * (frames[i][:3, :3] @ j['axis'])
             v = axis if j['type'] == 'prismatic' else np.cross(axis, root_tip[:3, 3] - frames[i][:3, 3])
             w = np.zeros(3) if j['type'] == 'prismatic' else axis
-            jacobian[:, j['reading']] += np.r_[root_tip[:3, :3].T @ v, root_tip[:3, :3].T @ w]
-            moving.add(j['reading'])
+            for reading, by in [(j['reading'], by_reading[i])] + [(o, j['factor'] * c) for o, c in coupled(j)]:
+                jacobian[:, reading] += by * np.r_[root_tip[:3, :3].T @ v, root_tip[:3, :3].T @ w]
+                moving.add(reading)
         a = jacobian[:rows]
         wide = len(moving) >= rows
         gram = a @ a.T if wide else a.T @ a

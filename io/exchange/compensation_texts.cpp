@@ -68,6 +68,16 @@ FlatJoint flat_joint(const RobotTip& of, int j, const std::vector<int>& readings
   const JointModel& model = *rig.joints[d.joint].model;
   out.offset = own[0];
   out.scale = own[1];
+  const JointTerms terms = terms_at(rig, table, values, d.joint);
+  out.temperature = terms.temperature.value_or(0);
+  for (size_t k = 0; k < terms.ripple.size(); ++k) {
+    if (k % kRipple == 0) out.ripple.push_back(terms.gear_ratios[k / kRipple]);
+    out.ripple.push_back(terms.ripple[k]);
+  }
+  for (size_t k = 0; k < terms.coupling.size(); ++k)
+    out.coupled_to.push_back(static_cast<int>(
+        std::find(readings.begin(), readings.end(), terms.coupled_to[k]) - readings.begin()));
+  out.coupling = terms.coupling;
   if (model.name() == "curve")
     out.curve.assign(own + 2, own + 2 + CurveJoint::kValues);
   else if (model.size() != 2)
@@ -148,6 +158,12 @@ Json flat_json(const FlatRobot& robot) {
       one["shift"] = j.shift;
     }
     if (!j.curve.empty()) one["curve"] = j.curve;
+    if (j.temperature != 0) one["temperature"] = j.temperature;
+    if (!j.ripple.empty()) one["ripple"] = j.ripple;
+    if (!j.coupling.empty()) {
+      one["coupled_to"] = j.coupled_to;
+      one["coupling"] = j.coupling;
+    }
     if (j.bends) {
       one["compliance"] = vector3(j.compliance);
       one["basis"] = matrix_json(j.basis);
@@ -178,27 +194,40 @@ std::string c_pose(const Pose& p) {
   return "{" + c_matrix(p.rotation) + ", " + c_vector(p.translation) + "}";
 }
 
-/// Data of a robot in C: its curves, its joints, itself.
+/// An array in C, behind those before it; returns its name, or 0 if it is empty.
+template <typename T>
+std::string c_array(const std::string& type, const std::string& name, const std::vector<T>& values,
+                    std::string& arrays) {
+  if (values.empty()) return "0";
+  arrays += "static const " + type + " " + name + "[" + std::to_string(values.size()) + "] = {";
+  for (size_t k = 0; k < values.size(); ++k)
+    arrays += (k ? ", " : "") + text("%.17g", static_cast<double>(values[k]));
+  arrays += "};\n";
+  return name;
+}
+
+/// Data of a robot in C: its arrays, its joints, itself.
 std::string c_robot(const FlatRobot& robot, const std::string& name) {
-  std::string curves, joints;
+  std::string arrays, joints;
   for (size_t i = 0; i < robot.joints.size(); ++i) {
     const FlatJoint& j = robot.joints[i];
-    std::string curve = "0";
-    if (!j.curve.empty()) {
-      curve = "kincal_" + name + "_curve_" + std::to_string(i);
-      curves += "static const double " + curve + "[" + std::to_string(j.curve.size()) + "] = {";
-      for (size_t k = 0; k < j.curve.size(); ++k)
-        curves += (k ? ", " : "") + text("%.17g", j.curve[k]);
-      curves += "};\n";
-    }
+    const auto array = [&](const char* type, const char* of, const auto& values) {
+      return c_array(type, "kincal_" + name + "_" + of + "_" + std::to_string(i), values, arrays);
+    };
+    const std::string curve = array("double", "curve", j.curve),
+                      ripple = array("double", "ripple", j.ripple),
+                      coupled_to = array("int", "coupled_to", j.coupled_to),
+                      coupling = array("double", "coupling", j.coupling);
     joints += "  {" + std::to_string(j.above) + ", " + std::to_string(j.type) + ", " +
               std::to_string(j.reading) + ", " + (j.bends ? "1" : "0") + ", " + c_pose(j.origin) +
               ", " + c_vector(j.axis) +
               text(", %.17g, %.17g, %.17g, %.17g, ", j.scale, j.offset, j.factor, j.shift) + curve +
-              ", " + c_matrix(j.basis) + ", " + c_vector(j.compliance) + ", " + c_vector(j.load) +
-              "},\n";
+              text(", %.17g, ", j.temperature) + std::to_string(j.ripple.size() / (1 + kRipple)) +
+              ", " + std::to_string(j.coupling.size()) + ", " + ripple + ", " + coupled_to + ", " +
+              coupling + ", " + c_matrix(j.basis) + ", " + c_vector(j.compliance) + ", " +
+              c_vector(j.load) + "},\n";
   }
-  return curves + "static const struct kincal_joint kincal_" + name + "_joints[] = {\n" + joints +
+  return arrays + "static const struct kincal_joint kincal_" + name + "_joints[] = {\n" + joints +
          "};\nstatic const struct kincal_robot kincal_" + name + " = {" +
          std::to_string(robot.joints.size()) + ", " + std::to_string(robot.base) + ", " +
          std::to_string(robot.tip) + ", " + (robot.rotor ? "1" : "0") + ", " +
@@ -220,7 +249,8 @@ Compensation make_compensation(const RobotTip& real, const RobotTip& planned) {
   const Tree& tree = real.robot.rig->tree;
   std::set<int> joints = needed_joints(real), drivers;
   for (const int j : joints)
-    if (tree.joints[j].moves()) drivers.insert(driver(tree, j).joint);
+    if (tree.joints[j].moves())
+      for_each_reading(*real.robot.rig, driver(tree, j).joint, [&](int by) { drivers.insert(by); });
   const std::vector<int> readings(drivers.begin(), drivers.end());
   Compensation out;
   out.base = real.from.name;

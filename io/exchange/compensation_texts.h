@@ -12,9 +12,9 @@
 namespace kincal {
 
 /// A FlatJoint is a joint of a robot in numbers:  link_above_T_link = origin * exp(delta) *
-/// motion(axis, factor * (scale * reading + offset + curve(reading)) + shift),  delta = B diag(c)
-/// B' tau where it bends, B its basis (of a rotor turned by the motion), tau the moment of what it
-/// carries.
+/// motion(axis, factor * (scale * reading + offset + curve(reading) + temperature * (T - 20) +
+/// ripple(reading) + coupling * other readings) + shift),  delta = B diag(c) B' tau where it bends,
+/// B its basis (of a rotor turned by the motion), tau the moment of what it carries.
 struct FlatJoint {
   std::string name;
   int above = -1;  // index of the joint above
@@ -23,7 +23,11 @@ struct FlatJoint {
   Vector3d axis = Vector3d::Zero();
   int reading = -1;  // index
   double scale = 1, offset = 0, factor = 1, shift = 0;
-  std::vector<double> curve;  // values of a period (joints/curve_joint.h); empty: none
+  std::vector<double> curve;    // values of a period (joints/curve_joint.h); empty: none
+  double temperature = 0;       // per kelvin
+  std::vector<double> ripple;   // ratio and kRipple values (models/rig/conditions.h), of each ratio
+  std::vector<int> coupled_to;  // indices of readings
+  std::vector<double> coupling;
   bool bends = false;
   Matrix3d basis = Matrix3d::Identity();
   Vector3d compliance = Vector3d::Zero(), load = Vector3d::Zero();

@@ -97,7 +97,11 @@ std::vector<Compensated> compensate_postures(const KnownRig& real, const KnownRi
                                              const Postures& postures,
                                              const CompensationWish& wish) {
   const std::string base = still_base(real, wish.base);
-  const RobotTip to = tip_of(real, wish.tip, base), plan = tip_of(planned, wish.tip, base);
+  RobotTip to = tip_of(real, wish.tip, base);
+  const RobotTip plan = tip_of(planned, wish.tip, base);
+  if (!wish.temperature && real.table.has(ParameterKind::temperature))
+    throw InputError("temperature: joints of this robot depend on it: give degrees Celsius");
+  to.conditions.temperature = wish.temperature;
   std::vector<Compensated> out;
   for (const Readings& readings : readings_of(real, postures, {to.tip}))
     out.push_back(compensate(to, plan, readings, wish.position_only));

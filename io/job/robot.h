@@ -2,6 +2,7 @@
 // for it, by names.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,10 +39,12 @@ void forward_poses(const KnownRig& rig, const Postures& postures, const std::str
 /// still; "": the only such frame there is.
 struct CompensationWish {
   std::string tip, base;
-  bool position_only = false;  // how the tip is turned does not matter
+  bool position_only = false;              // how the tip is turned does not matter
+  std::optional<double> temperature = {};  // of the robot, degrees Celsius
 };
 /// Returns what compensates (models/analysis/compensation.h), one a posture. Readings are by joint
-/// of the tree. @throws InputError as forward_poses, and where `base` moves or is ambiguous
+/// of the tree. @throws InputError as forward_poses, and where `base` moves or is ambiguous, or
+/// joints depend on a temperature that is not given
 std::vector<Compensated> compensate_postures(const KnownRig& real, const KnownRig& planned,
                                              const Postures& postures,
                                              const CompensationWish& wish);

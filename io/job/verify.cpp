@@ -177,6 +177,9 @@ VectorXd nominal_values(const VerifiedResult& result) {
       case ParameterKind::joint_scale:
       case ParameterKind::joint_shape:
       case ParameterKind::backlash:
+      case ParameterKind::temperature:
+      case ParameterKind::ripple:
+      case ParameterKind::coupling:
       case ParameterKind::compliance:
       case ParameterKind::load: {
         const std::vector<double> initial = parameters[name]["initial"].vector(parameter.size());

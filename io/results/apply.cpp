@@ -75,8 +75,7 @@ ResultToApply open_result(const std::string& result_path, bool force) {
   return out;
 }
 
-/// The robot that a URDF can hold: where joints bend or have error curves that of a rigid
-/// calibration.
+/// The robot that a URDF can hold: where joints have other errors that of a rigid calibration.
 Field robot_of(const Field& all) { return all[all.has("rigid_robot") ? "rigid_robot" : "robot"]; }
 
 /// What there is to say of a result that becomes part of `what`.
@@ -85,7 +84,7 @@ std::vector<std::string> notes_of(const ResultToApply& result, const std::string
   if (!result.doubt.empty()) out.push_back(result.path + ": " + result.doubt);
   const Field all = result.all();
   if (all.has("rigid_robot"))
-    out.push_back("the joints bend or have error curves, which " + what +
+    out.push_back("the joints have errors that " + what +
                   " cannot express; this is the best robot without them (result.json: "
                   "rms_uncorrected)");
   if (!robot_of(all).has("joint_models")) return out;

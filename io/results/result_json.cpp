@@ -331,8 +331,9 @@ Json held_list(const std::vector<AutomaticGroup>& groups) {
   return out;
 }
 
-/// Does the number of a distortion's components not tell their names?
-bool has_own_names(const ParameterEstimate& e) {
+/// Does the number of a ripple's, coupling's or distortion's components leave their names open?
+bool has_own_names(const Parameter& p, const ParameterEstimate& e) {
+  if (p.kind == ParameterKind::coupling || p.kind == ParameterKind::ripple) return true;
   return !e.components.empty() &&
          (e.components[0] == "xi" || e.components.back() == "s4" || e.components.back() == "tau_y");
 }
@@ -447,7 +448,7 @@ Json result_json(const Report& report) {
                 {"step", e.step}};
     if (e.pose) one["pose"] = pose(*e.pose);
     if (std::count(open.begin(), open.end(), e.parameter)) one["nominal"] = false;
-    if (has_own_names(e)) one["components"] = e.components;
+    if (has_own_names(solution.table().all[e.parameter], e)) one["components"] = e.components;
     json["parameters"][e.name] = std::move(one);
   }
   // (Found by number: by name each would be looked for among all.)

@@ -39,8 +39,7 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
     for (size_t k = 0; k < out.joint_further[j].size(); ++k)
       out.joint_further[j][k] =
           values(table.all[table.joint_offset[j]].start + 2 + static_cast<int>(k));
-    if (const int p = table.index_of(ParameterKind::backlash, static_cast<int>(j)); p >= 0)
-      out.joint_backlash[j] = values(table.all[p].start);
+    out.joint_terms[j] = terms_at(rig, table, values, static_cast<int>(j));
   }
   const std::vector<int> unknown = unseen_poses(solution).open;
   const auto known_pose = [&](int parameter) -> std::optional<Pose> {

@@ -24,8 +24,8 @@ struct Reduction {
 /// ResultFiles are the texts of all result files before any is written.
 struct ResultFiles {
   std::string robot_urdf, rig_yaml, result_json, changes_yaml, covariance_csv;
-  // Where joints bend or have error curves, robot_urdf is the best robot without them, with the
-  // mounts of rig_rigid; the rig has them, and the robot that goes with them. Else empty.
+  // Where joints have errors that a URDF cannot express, robot_urdf is the best robot without them,
+  // with the mounts of rig_rigid; the rig has them, and the robot that goes with them. Else empty.
   std::string unbent_urdf, rig_rigid;
   std::string information_csv, samples_csv, residuals_csv,
       loops_csv;               // the last two: empty, not written

@@ -1,11 +1,16 @@
 #include "conditions_entry.h"
 
+#include <algorithm>
+
 #include "../document/json.h"
 #include "../document/names.h"
 #include "../document/numbers.h"
 
 namespace kincal {
 namespace {
+
+// Degrees Celsius: no robot works colder or hotter; 200 K and more are.
+constexpr double kColdest = -100, kHottest = 200, kZeroCelsius = 273.15;
 
 /// Numbers by joint. A joint that the robot lacks is left as its reading is. `check` fails on wrong
 /// numbers.
@@ -45,7 +50,7 @@ std::string by_joint(const char* key, const Tree& tree, const std::vector<double
 }  // namespace
 
 const std::vector<std::string>& condition_keys() {
-  static const std::vector<std::string> keys = {"approach", "rates"};
+  static const std::vector<std::string> keys = {"approach", "rates", "temperature"};
   return keys;
 }
 
@@ -61,7 +66,85 @@ Conditions read_conditions(const Field& sample, const Tree& tree) {
         });
   if (sample.has("rates"))
     out.rates = read_by_joint(sample["rates"], joints, tree, [](const Field&, double) {});
+  if (sample.has("temperature")) {
+    const Field entry = sample["temperature"];
+    out.temperature = entry.number();
+    if (!(*out.temperature >= kColdest && *out.temperature <= kHottest))
+      entry.fail("degrees Celsius are expected, " + shortest(kColdest) + " to " +
+                 shortest(kHottest) + ", not " + shortest(*out.temperature) +
+                 (*out.temperature > kHottest
+                      ? " (kelvin? then it is " + shortest(*out.temperature - kZeroCelsius) + ")"
+                      : ""));
+  }
   return out;
+}
+
+std::vector<std::string> joint_keys(const JointModels& models) {
+  std::vector<std::string> keys = {"sigma",       "offset",     "scale",  "model",   "backlash",
+                                   "temperature", "gear_ratio", "ripple", "coupling"};
+  for (const auto& model : models)
+    for (const JointNumber& number : model->extra_parameters()) keys.push_back(number.name);
+  return keys;
+}
+
+void read_terms(const Field& entry, const Tree& tree, int joint, JointTerms& terms) {
+  if (entry.has("backlash")) terms.backlash = entry["backlash"].number();
+  if (entry.has("temperature")) terms.temperature = entry["temperature"].number();
+  if (entry.has("gear_ratio")) {
+    const Field ratios = entry["gear_ratio"];
+    terms.gear_ratios = ratios.node->kind == Node::Kind::scalar
+                            ? std::vector<double>{ratios.number()}
+                            : ratios.vector();
+    if (tree.joints[joint].type == JointType::prismatic)
+      ratios.fail("joint '" + tree.joints[joint].name +
+                  "' slides; a gear ratio is one of a joint that turns");
+    for (const double ratio : terms.gear_ratios)
+      if (!(ratio > 0)) ratios.fail("a ratio greater than 0 is expected, not " + shortest(ratio));
+    for (const double& a : terms.gear_ratios)
+      for (const double& b : terms.gear_ratios)
+        if (a == 2 * b || (a == b && &a < &b))
+          ratios.fail(shortest(a) + " cycles in a turn are those of " + shortest(b) +
+                      (a == b ? " again" : ", twice as many; state one of them"));
+    terms.ripple.assign(kRipple * terms.gear_ratios.size(), 0);
+  }
+  if (entry.has("ripple")) {
+    if (terms.gear_ratios.empty())
+      entry["ripple"].fail("joint '" + tree.joints[joint].name + "' has no gear_ratio");
+    terms.ripple = entry["ripple"].vector(static_cast<int>(kRipple * terms.gear_ratios.size()));
+  }
+  if (!entry.has("coupling")) return;
+  const Field coupling = entry["coupling"];
+  if (coupling.node->kind != Node::Kind::mapping)
+    coupling.fail("a mapping of joint names to numbers is expected");
+  const auto slides = [&](int j) { return tree.joints[j].type == JointType::prismatic; };
+  std::vector<std::string> valid;
+  for (int j = 0; j < static_cast<int>(tree.joints.size()); ++j)
+    if (j != joint && tree.joints[j].has_reading() && tree.joints[j].first_axis < 0 &&
+        slides(j) == slides(joint))
+      valid.push_back(tree.joints[j].name);
+  terms.coupled_to.clear();
+  terms.coupling.clear();
+  for (const auto& [name, node] : coupling.node->members) {
+    const Field share{&node, coupling.path, coupling.name + "." + name};
+    if (std::find(valid.begin(), valid.end(), name) == valid.end())
+      share.fail("'" + name + "' is no other joint that " + (slides(joint) ? "slides" : "turns") +
+                 " and has a reading" + nearest_or_all(name, valid, "there are"));
+    terms.coupled_to.push_back(tree.find_joint(name));
+    terms.coupling.push_back(share.number());
+  }
+}
+
+void check_terms_of_scanning(const Field& joints, const Rig& rig) {
+  for (const Sensor& sensor : rig.sensors)
+    for (size_t j = 0; sensor.scanning_joint >= 0 && j < rig.joints.size(); ++j) {
+      const JointTerms& terms = rig.joints[j].terms;
+      const bool scans = sensor.scanning_joint == static_cast<int>(j);
+      if ((scans && (!terms.ripple.empty() || !terms.coupling.empty())) ||
+          std::count(terms.coupled_to.begin(), terms.coupled_to.end(), sensor.scanning_joint))
+        joints.fail("joint '" + rig.tree.joints[j].name + "': sensor '" + sensor.name +
+                    "' scans with joint '" + rig.tree.joints[sensor.scanning_joint].name +
+                    "', which can have no gear_ratio and no coupling");
+    }
 }
 
 std::optional<double> read_time_offset(const Field& sensor, const SensorModel& model) {
@@ -73,7 +156,8 @@ std::optional<double> read_time_offset(const Field& sensor, const SensorModel& m
 
 std::string conditions_text(const Tree& tree, const Conditions& conditions) {
   return by_joint("approach", tree, conditions.approach) +
-         by_joint("rates", tree, conditions.rates);
+         by_joint("rates", tree, conditions.rates) +
+         (conditions.temperature ? ", \"temperature\": " + shortest(*conditions.temperature) : "");
 }
 
 }  // namespace kincal

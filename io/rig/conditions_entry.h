@@ -1,5 +1,6 @@
-// The conditions of a sample or posture (models/rig/samples.h) in its JSON line, and a sensor's
-// time offset in a rig.yaml.
+// The conditions of a sample or posture (models/rig/samples.h) in its JSON line; in a rig.yaml the
+// terms of joints' positions beside their models (models/rig/conditions.h), and a sensor's time
+// offset.
 #pragma once
 
 #include <optional>
@@ -7,6 +8,8 @@
 #include <vector>
 
 #include "../../kinematics/tree.h"
+#include "../../models/joints/joint_models.h"
+#include "../../models/rig/rig.h"
 #include "../../models/rig/samples.h"
 #include "../../models/sensors/sensor.h"
 #include "../document/document.h"
@@ -22,6 +25,15 @@ Conditions read_conditions(const Field& sample, const Tree& tree);
 
 /// Returns the conditions as they stand behind the joints: ", \"approach\": {...}", or "".
 std::string conditions_text(const Tree& tree, const Conditions& conditions);
+
+/// Returns the keys of a joint's entry, those of all models among them.
+std::vector<std::string> joint_keys(const JointModels& models);
+
+/// Reads the terms beside its model that a joint's entry has. @throws InputError
+void read_terms(const Field& entry, const Tree& tree, int joint, JointTerms& terms);
+
+/// Fails where a joint that a sensor scans with has a ripple or a coupling, or is coupled to.
+void check_terms_of_scanning(const Field& joints, const Rig& rig);
 
 /// Reads `time_offset` of a sensor's entry; none: it has no such key. @throws InputError
 std::optional<double> read_time_offset(const Field& sensor, const SensorModel& model);

@@ -436,8 +436,8 @@ void read_further(const Field& entry, const std::string& joint, const JointModel
 /// Of a floating joint: the noise of its reading, a pose.
 void read_floating(const Field& entry, const Tree& tree, int joint,
                    std::vector<JointSettings>& settings) {
-  for (const char* key : {"offset", "scale", "model", "backlash"})
-    if (entry.has(key))
+  for (const std::string& key : joint_keys({}))
+    if (key != "sigma" && entry.has(key))
       entry[key].fail(
           "the reading of a floating joint is a pose; it has a sigma only: {sigma: "
           "{translation: 0.0001, rotation: 0.0002}}");
@@ -475,10 +475,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
   if (is_null(field)) return settings;
   if (field.node->kind != Node::Kind::mapping)
     field.fail("a mapping of joint names or globs is expected");
-  const Names names = names_of(tree.joints);
-  Names keys = {"sigma", "offset", "scale", "model", "backlash"};
-  for (const auto& model : models)
-    for (const JointNumber& number : model->extra_parameters()) keys.push_back(number.name);
+  const Names names = names_of(tree.joints), keys = joint_keys(models);
   read_joint_models(field, tree, models, settings);
   for (const auto& member : field.node->members) {
     const std::string& pattern = member.first;
@@ -509,7 +506,7 @@ std::vector<JointSettings> read_joint_settings(const Field& field, const Tree& t
       if (entry.has("offset")) settings[j].offset = entry["offset"].number();
       if (entry.has("scale")) settings[j].scale = entry["scale"].number();
       if (settings[j].scale == 0) entry["scale"].fail("a scale is not 0");
-      if (entry.has("backlash")) settings[j].backlash = entry["backlash"].number();
+      read_terms(entry, tree, j, settings[j].terms);
       read_further(entry, joint.name, models, settings[j]);
     }
   }
@@ -612,6 +609,7 @@ RigFile read_rig_text(std::string text, const std::string& path, const JointMode
     rig.targets.push_back(read_target(entry.first, targets[entry.first], rig.tree, rig.base));
   for (const auto& entry : sensors.node->members)
     rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
+  if (all.has("joints")) check_terms_of_scanning(all["joints"], rig);
   if (all.has("elasticity")) rig.elasticity = read_elasticity(all["elasticity"], rig);
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   if (rig.steps.empty())  // poses are never exact; with steps a sigma that is not stated is 0

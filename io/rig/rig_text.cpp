@@ -96,7 +96,38 @@ void set_pose(Node& mapping, const std::optional<Pose>& old, const std::optional
 
 bool same(const JointSettings& a, const JointSettings& b) {
   return a.sigma == b.sigma && a.offset == b.offset && a.scale == b.scale && a.model == b.model &&
-         a.further == b.further && a.backlash == b.backlash;
+         a.further == b.further && a.terms == b.terms;
+}
+
+/// The terms of a joint, with those given that `now` does not set: they are zero.
+JointTerms with_given(const JointTerms& given, JointTerms now) {
+  if (!now.backlash) now.backlash = given.backlash;
+  if (!now.temperature) now.temperature = given.temperature;
+  if (now.ripple.empty()) now.ripple = given.ripple;
+  if (!now.coupling.empty()) return now;
+  now.coupled_to = given.coupled_to;
+  now.coupling = given.coupling;
+  return now;
+}
+
+/// The terms that differ from those given.
+void set_terms(Node& entry, const Tree& tree, const JointTerms& given, const JointTerms& now) {
+  const auto list = [](const std::vector<double>& values) {
+    return list_node(values.data(), static_cast<int>(values.size()));
+  };
+  if (now.backlash && given.backlash != now.backlash)
+    member(entry, "backlash") = number_node(*now.backlash);
+  if (now.temperature && given.temperature != now.temperature)
+    member(entry, "temperature") = number_node(*now.temperature);
+  if (given.gear_ratios != now.gear_ratios) member(entry, "gear_ratio") = list(now.gear_ratios);
+  if (!now.ripple.empty() && given.ripple != now.ripple) member(entry, "ripple") = list(now.ripple);
+  if (now.coupling.empty() ||
+      (given.coupling == now.coupling && given.coupled_to == now.coupled_to))
+    return;
+  Node& coupling = member(entry, "coupling");
+  coupling = mapping_node();
+  for (size_t k = 0; k < now.coupling.size(); ++k)
+    member(coupling, tree.joints[now.coupled_to[k]].name) = number_node(now.coupling[k]);
 }
 
 /// Another model, and those of its numbers that changed.
@@ -114,23 +145,24 @@ void set_model(Node& entry, const JointSettings& given, const JointSettings& now
 }
 
 /// What changed of one joint into its own entry.
-void set_joint(Node& entry, const JointSettings& given, const JointSettings& now) {
+void set_joint(Node& entry, const Tree& tree, const JointSettings& given,
+               const JointSettings& now) {
   if (entry.kind != Node::Kind::mapping) entry = mapping_node();
   if (given.sigma != now.sigma) member(entry, "sigma") = number_node(now.sigma);
   if (given.offset != now.offset) member(entry, "offset") = number_node(now.offset);
   if (given.scale != now.scale) member(entry, "scale") = number_node(now.scale);
-  if (given.backlash != now.backlash) member(entry, "backlash") = number_node(*now.backlash);
+  set_terms(entry, tree, given.terms, now.terms);
   set_model(entry, given, now);
 }
 
 /// All that a joint has, so that it wins behind all globs. `named`: with the name of its model.
-Node joint_node(const JointSettings& settings, bool named) {
+Node joint_node(const Tree& tree, const JointSettings& settings, bool named) {
   Node node = mapping_node();
   member(node, "sigma") = number_node(settings.sigma);
   member(node, "offset") = number_node(settings.offset);
   member(node, "scale") = number_node(settings.scale);
   const JointSettings plain;
-  if (settings.backlash) member(node, "backlash") = number_node(*settings.backlash);
+  set_terms(node, tree, plain.terms, settings.terms);
   if (named) member(node, "model") = text_node(settings.model->name());
   if (named || settings.model != plain.model) set_model(node, plain, settings);
   return node;
@@ -169,7 +201,7 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
                                  values.joint_models[j],
                                  values.joint_further[j],
                                  0,
-                                 values.joint_backlash[j]};
+                                 with_given(given[j].terms, values.joint_terms[j])};
       const std::string& name = tree.joints[j].name;
       if (tree.joints[j].axis_of_pose == PoseAxis::error && given[j].sigma != now.sigma)
         set_floating_sigma(joints, tree, static_cast<int>(j), now.sigma);
@@ -184,9 +216,9 @@ void set_joints(Node& root, const RigFile& rig, const RigValues& values) {
         const Node* own = joints.find(name);
         const bool named = other || (own && own->find("model"));
         erase_member(joints, name);
-        member(joints, name) = joint_node(now, named);
+        member(joints, name) = joint_node(tree, now, named);
       } else {
-        set_joint(member(joints, name), given[j], now);
+        set_joint(member(joints, name), tree, given[j], now);
       }
     }
   }
@@ -245,7 +277,7 @@ RigValues values_of(const Rig& rig) {
     values.joint_sigmas.push_back(joint.sigma);
     values.joint_models.push_back(joint.model);
     values.joint_further.push_back(further_values(joint));
-    values.joint_backlash.push_back(joint.backlash);
+    values.joint_terms.push_back(joint.terms);
   }
   for (const Sensor& sensor : rig.sensors) {
     values.sensor_poses.push_back(given_pose(sensor, sensor.link_T_sensor));

@@ -26,7 +26,7 @@ struct RigValues {
   std::vector<std::shared_ptr<const JointModel>> joint_models;
   std::vector<std::vector<double>>
       joint_further;  // components of the models beyond offset and scale
-  std::vector<std::optional<double>> joint_backlash;       // none: no parameter
+  std::vector<JointTerms> joint_terms;
   std::vector<std::vector<double>> sensor_sigmas;          // by sensor index, in the model's order
   std::vector<std::optional<double>> sensor_time_offsets;  // none: no parameter
   std::vector<std::optional<Pose>> sensor_poses;           // by sensor index; none: unknown

@@ -37,16 +37,13 @@ TipMotion tip_motion(const Configuration& robot, const Frame& tip, const Pose& b
     const Driver d = driver(rig.tree, step.joint);
     const Vector6d twist = position_twist(
         joint, step.direction, a_T_joint * Pose{robot.bend_of(step.joint), Vector3d::Zero()});
-    const double* own = robot.own_numbers(d.joint);
-    const double by_reading =
-        d.factor * rig.joints[d.joint].model->by_reading(robot.reading(d.joint), own);
-    for (size_t i = 0; i < out.joints.size(); ++i)
-      if (out.joints[i] == d.joint) {
-        const auto k = static_cast<Eigen::Index>(i);
-        out.columns.col(k).head<3>() +=
-            by_reading * (back * (twist.head<3>() + twist.tail<3>().cross(base_T_tip.translation)));
-        out.columns.col(k).tail<3>() += by_reading * (back * twist.tail<3>());
-      }
+    for_each_reading(rig, d.joint, [&](int by) {
+      const double by_reading = d.factor * robot.by_reading_of(d.joint, by);
+      const auto k = std::find(out.joints.begin(), out.joints.end(), by) - out.joints.begin();
+      out.columns.col(k).head<3>() +=
+          by_reading * (back * (twist.head<3>() + twist.tail<3>().cross(base_T_tip.translation)));
+      out.columns.col(k).tail<3>() += by_reading * (back * twist.tail<3>());
+    });
   }
   return out;
 }
@@ -66,7 +63,8 @@ Compensated compensate(const RobotTip& real, const Pose& wanted, const Readings&
   Compensated out{at, least, least};
   Readings now = at;
   for (int step = 0; step < kSteps; ++step) {
-    const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now);
+    const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now,
+                              real.conditions);
     const Pose base_T_tip = real.base_T_tip(now), left = inverse(real.at(now)) * wanted;
     VectorXd e(6);
     e << left.translation, log_so3(left.rotation);
@@ -112,7 +110,7 @@ std::optional<Readings> reach(const RobotTip& robot, const Readings& start, cons
   const Rig& rig = *robot.robot.rig;
   Readings now = start;
   for (int step = 0; step < kReachSteps; ++step) {
-    const Configuration at(rig, *robot.robot.table, robot.robot.values, now);
+    const Configuration at(rig, *robot.robot.table, robot.robot.values, now, robot.conditions);
     const Pose base_T_tip = robot.base_T_tip(now);
     const TipMotion motion = tip_motion(at, robot.tip, base_T_tip);
     TaskError left = task(base_T_tip, motion);

@@ -22,15 +22,17 @@ namespace kincal {
 struct RobotTip {
   CalibratedRobot robot;
   Frame tip, from;
+  Conditions conditions = {};
 
-  Pose base_T_tip(const Readings& readings) const {
-    return base_T_frame(*robot.rig, *robot.table, robot.values, tip, readings);
-  }
-  Pose base_T_from(const Readings& readings) const {
-    return base_T_frame(*robot.rig, *robot.table, robot.values, from, readings);
-  }
+  Pose base_T_tip(const Readings& readings) const { return base_T(tip, readings); }
+  Pose base_T_from(const Readings& readings) const { return base_T(from, readings); }
   Pose at(const Readings& readings) const {
     return inverse(base_T_from(readings)) * base_T_tip(readings);
+  }
+
+ private:
+  Pose base_T(const Frame& frame, const Readings& readings) const {
+    return base_T_frame(*robot.rig, *robot.table, robot.values, frame, readings, conditions);
   }
 };
 

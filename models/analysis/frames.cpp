@@ -187,8 +187,9 @@ std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t s
 }
 
 Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                  const Frame& frame, const Readings& readings) {
-  const Pose base_T_link = Configuration(rig, table, values, readings).base_T_link(frame.link);
+                  const Frame& frame, const Readings& readings, const Conditions& conditions) {
+  const Pose base_T_link =
+      Configuration(rig, table, values, readings, conditions).base_T_link(frame.link);
   return frame.pose < 0 ? base_T_link : base_T_link * get_pose(values, table.all[frame.pose].start);
 }
 
@@ -289,11 +290,12 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
             out.by_unknowns.col(column) += robot.by_own_number(d.joint, first + number) * twist;
         first += table.all[p].size();
       }
-      const double sigma = rig.joints[d.joint].sigma;
-      if (sigma > 0)
-        by_reading.emplace(d.joint, Vector6d::Zero()).first->second +=
-            rig.joints[d.joint].model->by_reading(readings[d.joint], robot.own_numbers(d.joint)) *
-            sigma * twist;
+      for_each_reading(rig, d.joint, [&](int by) {
+        const double sigma = rig.joints[by].sigma;
+        if (sigma > 0)
+          by_reading.emplace(by, Vector6d::Zero()).first->second +=
+              robot.by_reading_of(d.joint, by) * sigma * twist;
+      });
     }
     base_T_link = base_T_next;
   }

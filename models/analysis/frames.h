@@ -62,7 +62,8 @@ std::vector<Readings> random_postures(const Rig& rig, int count, std::uint64_t s
 
 /// Returns base_T_frame at readings.
 Pose base_T_frame(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                  const Frame& frame, const Readings& readings);
+                  const Frame& frame, const Readings& readings,
+                  const Conditions& conditions = no_conditions());
 
 /// Poses of sensors and mounted targets that the calibration would estimate, but on which no
 /// training sample depends.

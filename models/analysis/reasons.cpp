@@ -251,6 +251,11 @@ class ReasonFinder {
     out_.kind = "nothing_depends";
     out_.why = "no measurement depends on " + names();
     const Parameter& parameter = scene_.table().all[first_parameter()];
+    if (parameter.kind == ParameterKind::temperature) {
+      out_.why += " (no sample states a temperature other than 20)";
+      out_.cure = "state `temperature` in the samples, or fix " + first();
+      return;
+    }
     const bool backlash = parameter.kind == ParameterKind::backlash;
     if (backlash || parameter.kind == ParameterKind::time_offset) {
       const std::string& owner = backlash ? scene_.rig().tree.joints[parameter.owner].name

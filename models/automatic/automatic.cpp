@@ -194,42 +194,49 @@ void add_together(const std::vector<std::string>& names,
   }
 }
 
-/// Backlash and time offsets. Each may hide the other: one that was not kept is tried again beside
-/// the one that was.
+/// Backlash, time offsets and temperature. Each may hide another: one that was not kept is tried
+/// again beside those that were.
 void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> possible = best.fit.groups.further;
   const auto with = [&](const std::vector<std::string>& groups) {
     Model out = model;
     if (is_among(groups, kBacklash)) out.recording = with_backlash(*out.recording);
     if (is_among(groups, kTimeOffsets)) out.recording = with_time_offsets(*out.recording);
+    if (is_among(groups, kTemperature)) out.recording = with_temperature(*out.recording);
     return out;
   };
-  model.options.progress.stage("backlash and time offsets");
+  model.options.progress.stage("backlash, time offsets, temperature");
   const std::vector<std::string>& kept = model.options.begin.further;
   for (size_t before = kept.size() + 1; before != kept.size();) {
     before = kept.size();
     std::vector<std::string> names;
-    for (const char* const name : {kBacklash, kTimeOffsets})
+    for (const char* const name : {kBacklash, kTimeOffsets, kTemperature})
       if (is_among(possible, name) && !is_among(kept, name)) names.emplace_back(name);
     add_together(names, with, model, best, record);
   }
 }
 
-/// Error curves of the joints.
-void add_curves(Model& model, Calibrated& best, FurtherRecord& record) {
+using AddsToJoints = std::shared_ptr<const Recording> (*)(const Recording&,
+                                                          const std::vector<int>&);
+
+/// Groups of single joints of one kind, which `make` adds. Returns whether one was kept.
+bool add_to_joints(const std::string& kind, AddsToJoints make, Model& model, Calibrated& best,
+                   FurtherRecord& record) {
   std::vector<std::string> names;
   for (const std::string& name : best.fit.groups.further)
-    if (is_curve(name)) names.push_back(name);
-  model.options.progress.stage("error curves of joints");
+    if (is_of(kind, name) && !is_among(model.options.begin.further, name)) names.push_back(name);
+  model.options.progress.stage(kind + "JOINT");
   const auto with = [&](const std::vector<std::string>& groups) {
     std::vector<int> joints;
     for (const std::string& name : groups)
-      joints.push_back(model.recording->rig.tree.find_joint(name.substr(kCurve.size())));
+      joints.push_back(model.recording->rig.tree.find_joint(name.substr(kind.size())));
     Model out = model;
-    out.recording = with_curves(*model.recording, joints);
+    out.recording = make(*model.recording, joints);
     return out;
   };
+  const size_t before = model.options.begin.further.size();
   add_together(names, with, model, best, record);
+  return model.options.begin.further.size() > before;
 }
 
 }  // namespace
@@ -251,11 +258,15 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   Calibrated best = calibrate_groups(model);
   if (best.found.solution.usable()) {
     FurtherRecord record;
-    add_conditions(model, best, record);  // (nothing else looks like what a sample states)
-    bend_joints({kCompliance, kComplianceAcross}, model, best, record);
-    add_curves(model, best, record);
-    // (Last: beside compliances they lie in a curved valley, where each fit takes long.)
-    bend_joints({kLoads}, model, best, record);
+    do {
+      add_conditions(model, best, record);  // (nothing else looks like what a sample states)
+      bend_joints({kCompliance, kComplianceAcross}, model, best, record);
+      add_to_joints(kRippleOf, with_ripple, model, best, record);
+      add_to_joints(kCurve, with_curves, model, best, record);
+      // (After the curves: beside compliances they lie in a curved valley, where each fit is slow.)
+      bend_joints({kLoads}, model, best, record);
+    } while (
+        add_to_joints(kCouplingOf, with_coupling, model, best, record));  // (it hid the others)
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);
   }

@@ -28,6 +28,10 @@ std::vector<int> places_of(const ParameterTable& table, const ParameterTable& in
   return out;
 }
 
+bool all_zero(const std::vector<double>& values) {
+  return std::all_of(values.begin(), values.end(), [](double v) { return v == 0; });
+}
+
 VectorXd moved(const VectorXd& shared, const ParameterTable& table, const ParameterTable& to,
                const std::vector<int>& places) {
   VectorXd out = to.initial;
@@ -178,7 +182,35 @@ std::shared_ptr<const Recording> with_curves(const Recording& recording,
 
 std::shared_ptr<const Recording> with_backlash(const Recording& recording) {
   Rig rig = recording.rig;
-  for (const int j : joints_with_backlash(rig, recording.samples)) rig.joints[j].backlash = 0;
+  for (const int j : joints_with_backlash(rig, recording.samples)) rig.joints[j].terms.backlash = 0;
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+std::shared_ptr<const Recording> with_temperature(const Recording& recording) {
+  Rig rig = recording.rig;
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    if (const Joint& joint = rig.tree.joints[j];
+        joint.has_reading() && joint.first_axis < 0 && joint.axis_of_pose == PoseAxis::none)
+      rig.joints[j].terms.temperature = 0;
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+std::shared_ptr<const Recording> with_ripple(const Recording& recording,
+                                             const std::vector<int>& joints) {
+  Rig rig = recording.rig;
+  for (const int j : joints)
+    rig.joints[j].terms.ripple.assign(kRipple * rig.joints[j].terms.gear_ratios.size(), 0);
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
+std::shared_ptr<const Recording> with_coupling(const Recording& recording,
+                                               const std::vector<int>& joints) {
+  Rig rig = recording.rig;
+  for (const int j : joints) {
+    JointTerms& terms = rig.joints[j].terms;
+    terms.coupled_to = next_joints(rig, j);
+    terms.coupling.assign(terms.coupled_to.size(), 0);
+  }
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
@@ -202,7 +234,7 @@ Recording with_models_of(const Recording& recording, const Recording& other) {
   for (size_t j = 0; j < rig.joints.size(); ++j) {
     rig.joints[j].model = other.rig.joints[j].model;
     rig.joints[j].further = other.rig.joints[j].further;
-    rig.joints[j].backlash = other.rig.joints[j].backlash;
+    rig.joints[j].terms = other.rig.joints[j].terms;
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     rig.sensors[s].time_offset = other.rig.sensors[s].time_offset;
@@ -212,9 +244,15 @@ Recording with_models_of(const Recording& recording, const Recording& other) {
 std::shared_ptr<const Recording> without_added(const Recording& recording) {
   Rig rig = recording.rig;
   for (JointSettings& joint : rig.joints) {
-    if (joint.backlash == 0) joint.backlash.reset();
-    if (joint.model->name() == "curve" &&
-        std::all_of(joint.further.begin(), joint.further.end(), [](double v) { return v == 0; })) {
+    JointTerms& terms = joint.terms;
+    if (terms.backlash == 0) terms.backlash.reset();
+    if (terms.temperature == 0) terms.temperature.reset();
+    if (all_zero(terms.ripple)) terms.ripple.clear();
+    if (all_zero(terms.coupling)) {
+      terms.coupled_to.clear();
+      terms.coupling.clear();
+    }
+    if (joint.model->name() == "curve" && all_zero(joint.further)) {
       joint.model = linear_joint();
       joint.further.clear();
     }

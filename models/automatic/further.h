@@ -8,7 +8,10 @@
 //   loads               first moments of the moving links
 //   backlash            of joints whose direction of approach the samples state
 //   time offsets        of sensors that measured while joints moved, if the samples state rates
+//   temperature         of joints, if the samples state different ones
+//   ripple/NAME         of a joint whose gear ratios the rig states
 //   curve/NAME          of a joint that turns
+//   coupling/NAME       of a joint that turns to the readings of those next to it
 //
 // They stand in for each other (a bent arm's error goes with the angles as well), so the order
 // matters: what has a physical reason goes first.
@@ -53,6 +56,14 @@ std::shared_ptr<const Recording> with_curves(const Recording& recording,
                                              const std::vector<int>& joints);
 /// Returns the recording with a backlash of the joints that its samples tell one of.
 std::shared_ptr<const Recording> with_backlash(const Recording& recording);
+/// Returns the recording with a temperature coefficient of every joint that moves.
+std::shared_ptr<const Recording> with_temperature(const Recording& recording);
+/// Returns the recording with ripples of these joints, at the ratios that the rig states.
+std::shared_ptr<const Recording> with_ripple(const Recording& recording,
+                                             const std::vector<int>& joints);
+/// Returns the recording with these joints coupled to those next to them.
+std::shared_ptr<const Recording> with_coupling(const Recording& recording,
+                                               const std::vector<int>& joints);
 /// Returns the recording with time offsets of the sensors that its samples tell one of.
 std::shared_ptr<const Recording> with_time_offsets(const Recording& recording);
 /// Returns the recording without what these have added, which nobody stated.

@@ -86,6 +86,7 @@ class GroupMaker {
   void make_targets_and_sensors();
   void make_bending();
   void make_conditions();
+  void add_single(int joint, const std::vector<char>& scans);
   std::vector<Chain> chains() const;
   std::map<int, std::string> runs() const;
   bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
@@ -231,8 +232,7 @@ void GroupMaker::make_joints() {
       add(slides ? "slides" : "offsets", offset, 0);
       add("gears", scale, 0);
     }
-    if (!slides && !scans[j] && used_[offset] && rig_.joints[j].model == linear_joint())
-      out_.groups.push_back({kCurve + rig_.tree.joints[j].name, {}, {}});
+    if (!slides && !scans[j] && used_[offset]) add_single(static_cast<int>(j), scans);
     if (const int backlash = table_.index_of(ParameterKind::backlash, static_cast<int>(j));
         backlash >= 0 && std::count(approached.begin(), approached.end(), j))
       add(kBacklash, backlash, 0);
@@ -248,16 +248,35 @@ void GroupMaker::make_joints() {
   }
 }
 
+/// Groups of one joint that turns: its ripple, curve and coupling, without members where the rig
+/// does not have them yet.
+void GroupMaker::add_single(int joint, const std::vector<char>& scans) {
+  const JointSettings& settings = rig_.joints[joint];
+  const std::string& name = rig_.tree.joints[joint].name;
+  const auto add_all = [&](const std::string& group, ParameterKind kind) {
+    const int p = table_.index_of(kind, joint);
+    for (int c = 0; p >= 0 && c < table_.all[p].size(); ++c) add(group, p, c);
+    if (p < 0) out_.groups.push_back({group, {}, {}});
+  };
+  if (!settings.terms.gear_ratios.empty()) add_all(kRippleOf + name, ParameterKind::ripple);
+  if (settings.model == linear_joint()) out_.groups.push_back({kCurve + name, {}, {}});
+  const std::vector<int> next = next_joints(rig_, joint);
+  if (!next.empty() && std::none_of(next.begin(), next.end(), [&](int j) { return scans[j]; }))
+    add_all(kCouplingOf + name, ParameterKind::coupling);
+}
+
 /// Groups of the samples' conditions: time offsets, and models that the rig does not have yet.
 void GroupMaker::make_conditions() {
-  const auto has = [&](ParameterKind kind) {
-    return std::any_of(table_.all.begin(), table_.all.end(),
-                       [&](const Parameter& p) { return p.kind == kind; });
-  };
-  if (!has(ParameterKind::backlash) && !joints_with_backlash(rig_, recorded_).empty())
+  if (!table_.has(ParameterKind::backlash) && !joints_with_backlash(rig_, recorded_).empty())
     out_.groups.push_back({kBacklash, {}, {}});
+  if (temperature_varies(recorded_)) {
+    if (!table_.has(ParameterKind::temperature)) out_.groups.push_back({kTemperature, {}, {}});
+    for (size_t p = 0; p < table_.all.size(); ++p)
+      if (table_.all[p].kind == ParameterKind::temperature && used_[p])
+        add(kTemperature, static_cast<int>(p), 0);
+  }
   const std::vector<int> moving = sensors_with_rates(rig_, recorded_);
-  if (!has(ParameterKind::time_offset) && !moving.empty())
+  if (!table_.has(ParameterKind::time_offset) && !moving.empty())
     out_.groups.push_back({kTimeOffsets, {}, {}});
   for (const int s : moving)
     if (table_.time_offset[s] >= 0) add(kTimeOffsets, table_.time_offset[s], 0);
@@ -501,6 +520,30 @@ std::vector<int> joints_with_backlash(const Rig& rig, const std::vector<Sample>&
         std::any_of(samples.begin(), samples.end(), [&](const Sample& s) {
           return s.train && stated(s.conditions.approach, j) != 0;
         }))
+      out.push_back(j);
+  return out;
+}
+
+bool temperature_varies(const std::vector<Sample>& samples) {
+  std::set<double> stated;
+  for (const Sample& s : samples)
+    if (s.train && s.conditions.temperature) stated.insert(*s.conditions.temperature);
+  return stated.size() > 1;
+}
+
+std::vector<int> next_joints(const Rig& rig, int joint) {
+  const Tree& tree = rig.tree;
+  const auto above = [&](int j) {  // the next one that moves; -1: none
+    do j = tree.joint_above[tree.joints[j].parent];
+    while (j >= 0 && !tree.joints[j].moves());
+    return j;
+  };
+  std::vector<int> out;
+  const int before = above(joint);
+  for (int j = 0; j < static_cast<int>(tree.joints.size()); ++j)
+    if (tree.joints[j].has_reading() && tree.joints[j].first_axis < 0 &&
+        tree.joints[j].axis_of_pose == PoseAxis::none &&
+        tree.joints[j].type != JointType::prismatic && (j == before || above(j) == joint))
       out.push_back(j);
   return out;
 }

@@ -19,11 +19,14 @@
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
-//   compliance, compliance across, loads, backlash, time offsets, curve/NAME
+//   compliance, compliance across, loads, backlash, time offsets, temperature, ripple/NAME,
+//   curve/NAME, coupling/NAME
 //                              of joints that bend, of joints whose direction of approach the
-//                              samples state, of sensors that measured while joints moved, and of
-//                              one that turns: its error over its angle; tried after all others
-//                              (further.h)
+//                              samples state, of sensors that measured while joints moved, of
+//                              joints where the samples state different temperatures, and of one
+//                              that turns: cycles of a gear whose ratio the rig states, its error
+//                              over its angle, shares of the readings of the next joints; tried
+//                              after all others (further.h)
 //   gears                      scales of all others; only on request
 //
 // A run is an unbranched row of joints. All components of their origins are members, except motion
@@ -78,26 +81,31 @@ struct UncheckedScale {
   double moved = 0, sigmas = 0;
 };
 
-/// Names of the groups of further models (further.h). That of a curve ends with the joint's name.
+/// Names of the groups of further models (further.h). Those of one joint end with its name.
 inline const char* const kCompliance = "compliance";
 inline const char* const kComplianceAcross = "compliance across";
 inline const char* const kLoads = "loads";
 inline const char* const kBacklash = "backlash";
 inline const char* const kTimeOffsets = "time offsets";
-inline const std::string kCurve = "curve/";
+inline const char* const kTemperature = "temperature";
+inline const std::string kRippleOf = "ripple/", kCurve = "curve/", kCouplingOf = "coupling/";
 inline bool is_bending(const std::string& group) {
   return group == kCompliance || group == kComplianceAcross || group == kLoads;
 }
-inline bool is_curve(const std::string& group) {
-  return group.compare(0, kCurve.size(), kCurve) == 0;
+inline bool is_of(const std::string& kind, const std::string& group) {
+  return group.compare(0, kind.size(), kind) == 0;
 }
-/// Returns whether a group is one that moves the robot at given readings, whatever the conditions:
-/// a URDF needs corrected readings then.
+/// Returns whether a group is one of a single joint: a ripple, a curve or a coupling.
+inline bool is_of_joint(const std::string& group) {
+  return is_of(kRippleOf, group) || is_of(kCurve, group) || is_of(kCouplingOf, group);
+}
+/// Returns whether a group is one that moves the robot where it stands: a URDF needs corrected
+/// readings then.
 inline bool corrects_readings(const std::string& group) {
-  return is_bending(group) || is_curve(group);
+  return is_bending(group) || group == kTemperature || is_of_joint(group);
 }
 inline bool is_further(const std::string& group) {
-  return is_bending(group) || group == kBacklash || group == kTimeOffsets || is_curve(group);
+  return corrects_readings(group) || group == kBacklash || group == kTimeOffsets;
 }
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to omit.
@@ -113,6 +121,13 @@ std::vector<char> numbers_seen(const std::vector<Sample>& samples, int joint,
 /// Returns the joints whose direction of approach some training sample states, without scanning
 /// ones.
 std::vector<int> joints_with_backlash(const Rig& rig, const std::vector<Sample>& samples);
+
+/// Returns whether the training samples state different temperatures.
+bool temperature_varies(const std::vector<Sample>& samples);
+
+/// Returns the joints to which a joint that turns may be coupled: those that turn, have a reading
+/// and are next to it in the tree, above or below, with no other joint that moves between.
+std::vector<int> next_joints(const Rig& rig, int joint);
 
 /// Returns the sensors with a view in a training sample that states rates; without chains, which
 /// measure nothing but readings.

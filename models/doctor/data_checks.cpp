@@ -54,6 +54,9 @@ std::vector<char> placing_parameters(const ParameterTable& table) {
       case ParameterKind::joint_scale:
       case ParameterKind::joint_shape:
       case ParameterKind::backlash:
+      case ParameterKind::temperature:
+      case ParameterKind::ripple:
+      case ParameterKind::coupling:
       case ParameterKind::joint_origin:
       case ParameterKind::sensor_pose:
       case ParameterKind::target_pose:

@@ -166,9 +166,12 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
           "sensor '" + v.sensor->name + "': joint '" + joint.name +
           "' follows the scanning joint; only one joint may move within a view");
     if (std::find(s.joints.begin(), s.joints.end(), j) == s.joints.end()) s.joints.push_back(j);
-    if (joint.moves() && setup.noise == NoiseMode::latent && rig.joints[drv].sigma > 0 &&
-        std::find(s.noisy.begin(), s.noisy.end(), drv) == s.noisy.end())
-      s.noisy.push_back(drv);
+    if (joint.moves() && setup.noise == NoiseMode::latent)
+      for_each_reading(rig, drv, [&](int by) {
+        if (rig.joints[by].sigma > 0 &&
+            std::find(s.noisy.begin(), s.noisy.end(), by) == s.noisy.end())
+          s.noisy.push_back(by);
+      });
   }
   if (rig.elasticity)  // what any joint carries may bend another
     for (size_t j = 0; j < rig.tree.joints.size(); ++j)
@@ -293,21 +296,7 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
       m.source = Source::time_offset;
       add(m, place_of(places, first_column[path.clock]));
     }
-    if (k == path.scan_step || !(rig.joints[drv.joint].sigma > 0)) continue;
-    path.sensor_side =
-        path.sensor_side || (path.on_sensor_side(k) && setup.noise != NoiseMode::none);
-    m.source = Source::error;
-    if (setup.noise == NoiseMode::latent) {
-      const int slot =
-          static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), drv.joint) - s.noisy.begin());
-      add(m, static_cast<int>(6 * s.targets.size()) + slot);
-    } else if (setup.noise != NoiseMode::none) {
-      const auto it = std::find_if(path.noise.begin(), path.noise.end(),
-                                   [&](const MotionColumns& n) { return n.joint == drv.joint; });
-      m.first = it == path.noise.end() ? static_cast<int>(path.noisy.size()) : it->first;
-      if (it == path.noise.end()) path.noisy.push_back(drv.joint);
-      path.noise.push_back(m);
-    }
+    if (k != path.scan_step) place_errors(path, m, s);
   }
   if (rig.elasticity) place_bending(path, places, s);
   // Into the order of their places. Columns of one origin follow each other there as well.
@@ -318,6 +307,27 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
       m.first = static_cast<int>(
           std::lower_bound(path.places.begin(), path.places.end(), found[m.first]) -
           path.places.begin());
+}
+
+/// Columns of the errors of the readings on which the position of the column's joint depends.
+void Layout::place_errors(SensorPath& path, MotionColumns m, const SampleLayout& s) const {
+  if (setup.noise == NoiseMode::none) return;
+  m.source = Source::error;
+  for_each_reading(rig, m.joint, [&](int by) {
+    if (!(rig.joints[by].sigma > 0)) return;
+    path.sensor_side = path.sensor_side || path.on_sensor_side(m.step);
+    m.by = by;
+    if (setup.noise == NoiseMode::latent) {
+      const int slot =
+          static_cast<int>(std::find(s.noisy.begin(), s.noisy.end(), by) - s.noisy.begin());
+      add_columns(m, static_cast<int>(6 * s.targets.size()) + slot, path.motion, path);
+      return;
+    }
+    const auto it = std::find(path.noisy.begin(), path.noisy.end(), by);
+    m.first = static_cast<int>(it - path.noisy.begin());
+    if (it == path.noisy.end()) path.noisy.push_back(by);
+    path.noise.push_back(m);
+  });
 }
 
 /// What moves the path because some of its joints bend: compliances, loads, and whatever turns a
@@ -368,10 +378,13 @@ void Layout::place_bending(SensorPath& path, const std::map<int, int>& places,
       m.source = Source::time_offset;
       add(m, j, place_of(places, first_column[path.clock]));
     }
-    const auto noisy = std::find(s.noisy.begin(), s.noisy.end(), drv.joint);
     m.source = Source::error;
-    if (noisy != s.noisy.end())
-      add(m, j, static_cast<int>(6 * s.targets.size() + (noisy - s.noisy.begin())));
+    for_each_reading(rig, drv.joint, [&](int by) {
+      const auto noisy = std::find(s.noisy.begin(), s.noisy.end(), by);
+      m.by = by;
+      if (noisy != s.noisy.end())
+        add(m, j, static_cast<int>(6 * s.targets.size() + (noisy - s.noisy.begin())));
+    });
   }
 }
 

@@ -33,7 +33,8 @@ struct MotionColumns {
   Source source;
   int step = -1;       // in the path, for joints
   double factor = 1;   // d position / d position of the driver
-  int joint = -1;      // the driver, whose reading and numbers count
+  int joint = -1;      // the driver, whose numbers count
+  int by = -1;         // of an error: the joint whose reading has it
   int bent_by = -1;    // through bending: the joint whose turning, load or compliance it is
   int number = -1;     // which of them
   int parameter = -1;  // of a partly freed pose, for its chart
@@ -186,6 +187,7 @@ struct Layout {
   GroupShape place_columns(SampleLayout& sample) const;
   void place_joints(SensorPath& path, const std::map<int, int>& places,
                     const SampleLayout& sample) const;
+  void place_errors(SensorPath& path, MotionColumns m, const SampleLayout& sample) const;
   void place_bending(SensorPath& path, const std::map<int, int>& places,
                      const SampleLayout& sample) const;
   void place_view(ViewLayout& v, const std::map<int, int>& places,

@@ -179,7 +179,7 @@ void Motion::motions(const PlacedSample& s, int clock, const VectorXd& state,
   const Sample& sample = layout_.recorded[s.index];
   scratch.sample = &sample;
   const double later = clock >= 0 ? state(layout_.table.all[clock].start) : 0;
-  const auto position = [&](int j) {
+  const auto reading = [&](int j) {
     scratch.reading[j] = sample.readings[j];
     if (clock >= 0) scratch.reading[j] += later * stated(sample.conditions.rates, j);
     if (!s.layout->noisy.empty()) {
@@ -187,8 +187,10 @@ void Motion::motions(const PlacedSample& s, int clock, const VectorXd& state,
       if (it != s.layout->noisy.end())
         scratch.reading[j] += state(s.errors() + static_cast<int>(it - s.layout->noisy.begin()));
     }
-    return position_of(layout_.rig, j, scratch.reading[j], own_numbers(j, state),
-                       sample.conditions);
+    return scratch.reading[j];
+  };
+  const auto position = [&](int j) {
+    return position_of(layout_.rig, j, reading, own_numbers(j, state), sample.conditions);
   };
   for (int j : s.layout->joints) {
     const JointCache& cache = caches_[cache_of_[j]];
@@ -266,11 +268,17 @@ double Motion::by_column(const MotionColumns& column, const VectorXd& state,
   const int j = column.joint;
   const double* own = own_numbers(j, state);
   const double reading = scratch.reading[j];
-  if (column.source == Source::error) return layout_.rig.joints[j].model->by_reading(reading, own);
-  if (column.source == Source::time_offset)
-    return layout_.rig.joints[j].model->by_reading(reading, own) *
-           stated(scratch.sample->conditions.rates, j);
-  return by_own_number(layout_.rig, j, column.number, reading, own, scratch.sample->conditions);
+  const Conditions& at = scratch.sample->conditions;
+  if (column.source == Source::error) return by_reading_of(layout_.rig, j, column.by, reading, own);
+  if (column.source == Source::time_offset) {
+    double out = 0;
+    for_each_reading(layout_.rig, j, [&](int by) {
+      out += by_reading_of(layout_.rig, j, by, reading, own) * stated(at.rates, by);
+    });
+    return out;
+  }
+  return by_own_number(
+      layout_.rig, j, column.number, [&](int i) { return scratch.reading[i]; }, own, at);
 }
 
 /// Columns of a path, in the frame of the sensor's link (rows 0-5; with a scanning joint 6-11,

@@ -24,8 +24,9 @@ constexpr int kRigid = 6;        // so many numbers say where a rigid thing is
 bool is_placing(ParameterKind kind) {
   return kind == ParameterKind::joint_offset || kind == ParameterKind::joint_scale ||
          kind == ParameterKind::joint_shape || kind == ParameterKind::backlash ||
-         kind == ParameterKind::joint_origin || kind == ParameterKind::sensor_pose ||
-         kind == ParameterKind::target_pose;
+         kind == ParameterKind::temperature || kind == ParameterKind::ripple ||
+         kind == ParameterKind::coupling || kind == ParameterKind::joint_origin ||
+         kind == ParameterKind::sensor_pose || kind == ParameterKind::target_pose;
 }
 
 /// How many numbers say where sensors and targets are to each other: at most six a view, less those

@@ -364,16 +364,15 @@ void warn_of_joint_models(const Report& report, Notices& out) {
   if (report.rigid) {
     for (const SensorResult& s : report.residuals.sensors) {
       const SplitStatistics& errors = s.test.points > 0 ? s.test : s.train;
-      bent.push_back({Subject::sensor(s.name),
-                      "joints bend or have error curves, which a URDF cannot express: with "
-                      "robot.urdf alone sensor '" +
-                          s.name + "' errs by " + shown_text(errors.rms_uncorrected, s.unit) +
-                          ", with rig.yaml, which has them, by " +
-                          shown_text(errors.rms_as_read, s.unit),
-                      errors.rms_uncorrected / errors.rms_as_read});
+      bent.push_back(
+          {Subject::sensor(s.name),
+           "joints have errors that a URDF cannot express: with robot.urdf alone sensor '" +
+               s.name + "' errs by " + shown_text(errors.rms_uncorrected, s.unit) +
+               ", with rig.yaml, which has them, by " + shown_text(errors.rms_as_read, s.unit),
+           errors.rms_uncorrected / errors.rms_as_read});
     }
     out.push_back(notice_of(NoticeKind::joint_model,
-                            "sensors have larger errors if joints cannot bend", std::move(bent),
+                            "sensors have larger errors with robot.urdf alone", std::move(bent),
                             bending_words(report), ""));
     return;
   }

@@ -33,8 +33,9 @@ double Configuration::position(int joint) const {
   const Joint& asked = rig_->tree.joints[joint];
   if (!asked.moves()) return asked.stands_at.value_or(0);
   const Driver d = driver(rig_->tree, joint);
-  return d.factor * position_of(*rig_, d.joint, reading(d.joint), own_numbers(d.joint),
-                                conditions(d.joint)) +
+  return d.factor * position_of(
+                        *rig_, d.joint, [this](int j) { return reading(j); }, own_numbers(d.joint),
+                        conditions(d.joint)) +
          d.offset;
 }
 
@@ -52,9 +53,10 @@ std::vector<int> joints_between(const Rig& rig, int a, int b, int except) {
   std::vector<int> out;
   for (const PathStep& step : find_path(rig.tree, a, b)) {
     if (!rig.tree.joints[step.joint].moves()) continue;
-    const int joint = driver(rig.tree, step.joint).joint;
-    if (joint != except && std::find(out.begin(), out.end(), joint) == out.end())
-      out.push_back(joint);
+    for_each_reading(rig, driver(rig.tree, step.joint).joint, [&](int joint) {
+      if (joint != except && std::find(out.begin(), out.end(), joint) == out.end())
+        out.push_back(joint);
+    });
   }
   return out;
 }

@@ -59,8 +59,13 @@ class Configuration {
   double position(int joint) const;
   /// Returns d position / d own_numbers()[k] of a joint with a reading.
   double by_own_number(int joint, int k) const {
-    return kincal::by_own_number(*rig_, joint, k, reading(joint), own_numbers(joint),
-                                 conditions(joint));
+    return kincal::by_own_number(
+        *rig_, joint, k, [this](int j) { return reading(j); }, own_numbers(joint),
+        conditions(joint));
+  }
+  /// Returns d position / d reading of joint `by` of a joint with a reading.
+  double by_reading_of(int joint, int by) const {
+    return kincal::by_reading_of(*rig_, joint, by, reading(joint), own_numbers(joint));
   }
   /// Returns parent_T_joint from the values.
   Pose origin(int joint) const {

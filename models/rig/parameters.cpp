@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "numbers.h"
+#include "words.h"
 
 namespace kincal {
 namespace {
@@ -43,6 +44,31 @@ void add_further(const JointSettings& settings, size_t joint, const std::string&
   }
 }
 
+/// Adds the parameters of a joint's terms beside its model. `add` is that of the table.
+template <class Add>
+void add_terms(const Rig& rig, size_t joint, const std::string& prefix, const Add& add) {
+  const JointTerms& terms = rig.joints[joint].terms;
+  const std::string unit = rig.tree.joints[joint].type == JointType::prismatic ? "m" : "rad";
+  if (terms.backlash)
+    add(ParameterKind::backlash, joint, prefix + "backlash", {""}, {unit}, {*terms.backlash});
+  if (terms.temperature)
+    add(ParameterKind::temperature, joint, prefix + "temperature", {""}, {unit + "/K"},
+        {*terms.temperature});
+  std::vector<std::string> parts;
+  for (size_t k = 0; k < terms.ripple.size(); ++k)
+    parts.push_back(text(k % 2 == 0 ? "cos%.12g" : "sin%.12g",
+                         (k % kRipple < 2 ? 1 : 2) * terms.gear_ratios[k / kRipple]));
+  if (!terms.ripple.empty())
+    add(ParameterKind::ripple, joint, prefix + "ripple", parts,
+        std::vector<std::string>(parts.size(), unit), terms.ripple);
+  parts.clear();
+  for (size_t k = 0; k < terms.coupling.size(); ++k)
+    parts.push_back(rig.tree.joints[terms.coupled_to[k]].name);
+  if (!terms.coupling.empty())
+    add(ParameterKind::coupling, joint, prefix + "coupling", parts,
+        std::vector<std::string>(parts.size(), ""), terms.coupling);
+}
+
 /// Adds compliances and loads where joints bend. `add` is that of the table.
 template <class Add>
 void add_elasticity(const Rig& rig, const Add& add, std::vector<int>& compliance,
@@ -74,10 +100,40 @@ std::vector<double> further_values(const JointSettings& joint) {
   return out;
 }
 
+JointTerms terms_at(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                    int joint) {
+  JointTerms out = rig.joints[joint].terms;
+  for (int p = table.joint_offset[joint]; p >= 0 && p < table.joint_origin[joint]; ++p) {
+    const double* from = values.data() + table.all[p].start;
+    const std::vector<double> all(from, from + table.all[p].size());
+    switch (table.all[p].kind) {
+      case ParameterKind::backlash:
+        out.backlash = all[0];
+        break;
+      case ParameterKind::temperature:
+        out.temperature = all[0];
+        break;
+      case ParameterKind::ripple:
+        out.ripple = all;
+        break;
+      case ParameterKind::coupling:
+        out.coupling = all;
+        break;
+      default:
+        break;
+    }
+  }
+  return out;
+}
+
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind) {
   for (const ParameterBlock& block : sensor.parameters)
     if (kind_of_block(block.name) == kind) return &block;
   return nullptr;
+}
+
+bool ParameterTable::has(ParameterKind kind) const {
+  return std::any_of(all.begin(), all.end(), [&](const Parameter& p) { return p.kind == kind; });
 }
 
 int ParameterTable::index_of(ParameterKind kind, int owner) const {
@@ -130,8 +186,7 @@ ParameterTable::ParameterTable(const Rig& rig)
       joint_scale[j] =
           add(ParameterKind::joint_scale, j, prefix + "scale", {""}, {""}, {settings.scale});
       add_further(settings, j, prefix, add, all);
-      if (settings.backlash)
-        add(ParameterKind::backlash, j, prefix + "backlash", {""}, {unit}, {*settings.backlash});
+      add_terms(rig, j, prefix, add);
     }
     joint_origin[j] =
         add_pose(ParameterKind::joint_origin, j, prefix + "origin", joint.parent_T_joint);
@@ -215,7 +270,16 @@ Rig centred(Rig rig) {
           break;
         }
         case ParameterKind::backlash:
-          rig.joints[p.owner].backlash = nominal.numbers[0];
+          rig.joints[p.owner].terms.backlash = nominal.numbers[0];
+          break;
+        case ParameterKind::temperature:
+          rig.joints[p.owner].terms.temperature = nominal.numbers[0];
+          break;
+        case ParameterKind::ripple:
+          rig.joints[p.owner].terms.ripple = nominal.numbers;
+          break;
+        case ParameterKind::coupling:
+          rig.joints[p.owner].terms.coupling = nominal.numbers;
           break;
         case ParameterKind::time_offset:
           rig.sensors[p.owner].time_offset = nominal.numbers[0];

@@ -16,6 +16,9 @@ enum class ParameterKind {
   joint_scale,
   joint_shape,  // the parameters of a joint model beyond offset and scale
   backlash,     // of a joint, half width
+  temperature,  // of a joint, per kelvin
+  ripple,       // of a joint's gears
+  coupling,     // of a joint to readings of others
   joint_origin,
   compliance,  // of a joint, about its axis and across it
   load,        // of a link that a joint moves; its owner is the joint
@@ -93,6 +96,8 @@ struct ParameterTable {
 
   explicit ParameterTable(const Rig& rig);
 
+  /// Returns whether there is a parameter of a kind.
+  bool has(ParameterKind kind) const;
   /// Returns the first parameter of a kind that a joint, sensor or target has; -1: none.
   int index_of(ParameterKind kind, int owner) const;
   std::string name(const Component& c) const { return all[c.parameter].component_name(c.index); }
@@ -120,6 +125,9 @@ struct ParameterTable {
 
 /// Returns the rig's initial values of a joint model's parameters beyond offset and scale.
 std::vector<double> further_values(const JointSettings& joint);
+
+/// Returns a joint's terms with their values in `values`.
+JointTerms terms_at(const Rig& rig, const ParameterTable& table, const VectorXd& values, int joint);
 
 /// Returns a sensor's block of intrinsics, distortion or baseline; null if it has none.
 const ParameterBlock* find_block(const Sensor& sensor, ParameterKind kind);

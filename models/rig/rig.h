@@ -26,6 +26,27 @@ inline double guessed_noise(const Joint& joint) {
                                               : kGuessedTurnNoise;
 }
 
+/// JointTerms are what the position of a joint has in it beside its model (conditions.h), with
+/// initial values. A term that is not set has no parameter.
+struct JointTerms {
+  std::optional<double> backlash = {};     // half width, rad or m
+  std::optional<double> temperature = {};  // rad/K or m/K
+  std::vector<double> gear_ratios = {};    // cycles of a ripple in a turn of the joint
+  std::vector<double> ripple = {};         // rad, kRipple values of each ratio; empty: not set
+  std::vector<int> coupled_to = {};        // joints whose readings count as well
+  std::vector<double> coupling = {};       // by how much, in their order
+
+  bool operator==(const JointTerms& o) const {
+    return backlash == o.backlash && temperature == o.temperature && gear_ratios == o.gear_ratios &&
+           ripple == o.ripple && coupled_to == o.coupled_to && coupling == o.coupling;
+  }
+};
+/// Values of a ripple: of cos and sin of one cycle, then of cos and sin of two.
+constexpr int kRipple = 4;
+
+/// Temperature (degrees Celsius) at which `temperature` moves no joint (ISO 1).
+constexpr double kReferenceTemperature = 20;
+
 struct JointSettings {
   double sigma = 0;              // noise of one reading, rad or m; 0: exact
   double offset = 0, scale = 1;  // initial values of the model's first two parameters
@@ -34,7 +55,7 @@ struct JointSettings {
                                      // have the model's default (further_values())
   double noise_guess = 0;  // the noise is not stated: the automatic path estimates it, starting
                            // with this; 0: it is stated
-  std::optional<double> backlash = {};  // half width, rad or m (conditions.h); none: no parameter
+  JointTerms terms = {};
 };
 
 struct Target {

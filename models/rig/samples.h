@@ -74,7 +74,9 @@ struct Conditions {
   std::vector<double> approach;  // direction of the last motion, +1 or -1; 0: not stated
   std::vector<double> rates;     // of the readings, rad/s or m/s; 0: it stands, or is not stated
 
-  bool empty() const { return approach.empty() && rates.empty(); }
+  std::optional<double> temperature = {};  // of the robot, degrees Celsius
+
+  bool empty() const { return approach.empty() && rates.empty() && !temperature; }
 };
 
 /// Returns conditions that state nothing.

@@ -47,6 +47,9 @@ using K = ParameterKind;
 // joint_scale: teeth are counted, so a ratio is right to 0.1 %; belts and hobby servos are not. 0.3
 //   % off is another gear or encoder.
 // backlash: gears of arms have an arc minute or two, worn ones and hobby servos ten times that.
+// temperature: measured arms move by some urad/K a joint. ripple: gears of measured arms have 0.02
+//   to 0.3 mrad. coupling: belts and bevels through a wrist are stated; what is not is some
+//   percent.
 // joint_origin: links are machined; 2.5 times their width is a number mistyped in the URDF.
 // compliance: drives of arms yield by some urad/Nm. load: links weigh some kilograms, and reach
 // some
@@ -74,6 +77,10 @@ constexpr ScaleRow kScaleRows[] = {
     {K::joint_shape,  "",    no,     no,      0.01_n, no,    no,     no,     no,   no,     no},
     {K::backlash,     "rad", 0.5_mrad, 2_mrad, 1_deg, no,    no,     no,     no,   no,     0.25_n},
     {K::backlash,     "m",   0.1_mm, 0.5_mm,  1_cm,   no,    no,     no,     no,   no,     25_cm},
+    {K::temperature,  "rad/K", 1e-5_n, 5e-5_n, 1e-3_n, no,   no,     no,     no,   no,     no},
+    {K::temperature,  "m/K", 1e-6_n, 5e-6_n,  1e-4_n, no,    no,     no,     no,   no,     no},
+    {K::ripple,       "rad", 0.1_mrad, 0.3_mrad, 1_deg, no,  no,     no,     no,   no,     no},
+    {K::coupling,     "",    0.01_n, 0.05_n,  0.01_n, no,    no,     no,     no,   no,     no},
     {K::joint_origin, "rad", 2_mrad, 5_deg,   1_deg,  3_deg, 30_deg, no,     no,   10_deg, 0.25_n},
     {K::joint_origin, "m",   1_mm,   5_cm,    1_cm,   3_cm,  30_cm,  2.5_mm, no,   10_cm,  25_cm},
     {K::compliance, "rad/Nm", no,    1e-5_n,  1e-5_n, no,    no,     no,     no,   no,     no},

@@ -24,10 +24,14 @@ Conditions draw_conditions(const Rig& rig, std::uint64_t seed, int k) {
   constexpr double kRate = 0.5, kSlideRate = 0.1;  // rad/s, m/s, at most
   const size_t joints = rig.joints.size();
   for (size_t j = 0; j < joints; ++j) {
-    if (!rig.joints[j].backlash) continue;
+    if (!rig.joints[j].terms.backlash) continue;
     out.approach.resize(joints, 0);
     out.approach[j] = draws.uniform() < 0.5 ? -1 : 1;
   }
+  constexpr double kWarmer = 10;  // K, or colder, at most
+  if (std::any_of(rig.joints.begin(), rig.joints.end(),
+                  [](const JointSettings& j) { return j.terms.temperature.has_value(); }))
+    out.temperature = kReferenceTemperature + kWarmer * draws.uniform(-1, 1);
   if (std::none_of(rig.sensors.begin(), rig.sensors.end(),
                    [](const Sensor& s) { return s.time_offset.has_value(); }))
     return out;

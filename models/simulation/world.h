@@ -26,8 +26,9 @@ enum DrawStream : std::uint64_t {
 };
 
 /// Returns the conditions of sample k: those on which a parameter of the rig depends. Each joint
-/// that has a backlash was approached from either side; if a sensor has a time offset, joints turn
-/// by up to 0.5 rad/s and slide by up to 0.1 m/s.
+/// that has a backlash was approached from either side; if a joint's position depends on
+/// the temperature, that is 10 to 30 degrees; if a sensor has a time offset, joints turn by up to
+/// 0.5 rad/s and slide by up to 0.1 m/s.
 Conditions draw_conditions(const Rig& rig, std::uint64_t seed, int k);
 
 inline bool is_chain(const Sensor& sensor) {

@@ -1,7 +1,7 @@
 """`kincal compensate`: python3 compensate_test.py SOURCE_DIR KINCAL [TEST ...]
 
-Robots whose joints bend and have error curves, as a result has them (rig.yaml beside rig_rigid.yaml), of five kinds: six axes in the stator's frame, seven in the rotor's with an arm beside them,
-a slide among the axes, a follower, pan and tilt. Proves: forward kinematics of the C99 header and of the Python module are those of the program (of `simulate`) to 1e-12 m; the readings that the three find are the same to 1e-6 rad (near singular postures rounding is that large), and the
+Robots whose joints bend and have error curves, as a result has them (rig.yaml beside rig_rigid.yaml), of six kinds: six axes in the stator's frame, seven in the rotor's with an arm beside them,
+a slide among the axes, a follower, pan and tilt, six axes with ripples, couplings and temperatures. Proves: forward kinematics of the C99 header and of the Python module are those of the program (of `simulate`) to 1e-12 m; the readings that the three find are the same to 1e-6 rad (near singular postures rounding is that large), and the
 real robot's tip is then where the rigid one has it (of six axes or more; of two, nearer than without); tables, JSON lines and poses; mistakes are named. After a calibration: the result's own files. Not proved: other compilers than
 the machine's, and that a robot so commanded is where it should be (that is the calibration's part).
 """
@@ -33,12 +33,15 @@ DRIVER = r"""
 #include <stdio.h>
 #include "compensation.h"
 int main(void) {
-  double q[KINCAL_READINGS], p[KINCAL_READINGS], left[2];
+  double q[KINCAL_READINGS], p[KINCAL_READINGS], left[2], warm;
   for (;;) {
     struct kincal_pose tip;
+    if (scanf("%lf", &warm) != 1) return 0;
     for (int i = 0; i < KINCAL_READINGS; ++i)
       if (scanf("%lf", p + i) != 1) return 0;
+    kincal_temperature = warm;
     if (kincal_forward(&kincal_real, p, &tip)) return 2;
+    kincal_temperature = 33;
     if (kincal_compensate(p, 6, q, left)) return 2;
     for (int i = 0; i < 3; ++i) printf("%.17g ", tip.p[i]);
     for (int i = 0; i < 9; ++i) printf("%.17g ", tip.r[i]);
@@ -74,6 +77,8 @@ ROBOTS = {
     "two arms": (TWO_ARMED, "joints: {c: %s}\n" % curve(4) + elasticity("abcdefgow", "rotor", 5)),
     "slide": (SLIDING, elasticity("abcef", "stator", 6)),
     "follower": (FOLLOWING, "joints: {c: %s}\n" % curve(7) + elasticity("abcf", "rotor", 8)),
+    "terms": (urdf(SIX), "joints: {a: {temperature: 5.0e-05}, b: {gear_ratio: [100, 31.5], ripple: [0.0002, -0.0001, 0.0003, 0.0001, -0.0001, 0.0002, 0.0001, 0.0003]}, "
+                         "c: {coupling: {b: -0.004, d: 0.002}}, e: {temperature: -3.0e-05, gear_ratio: 80, ripple: [0, 0.0002, 0, 0]}, f: {coupling: {e: 0.005}}}\n"),
     "pan and tilt": (urdf(SIX[:1] + [("b", "hand", "0 1 0", "0.1 0 0.1")]), "joints: {a: %s, b: %s}\n" % (curve(9), curve(10))),
 }
 
@@ -121,27 +126,29 @@ class Compensate(Folder):
                                        stderr=subprocess.PIPE, universal_newlines=True)
                 self.assertEqual(build.returncode, 0, build.stderr)
                 postures = [[s["joints"].get(n, 0) for n in names] for s in samples]
-                told = subprocess.run([self.path("driver")], input="".join(" ".join(repr(v) for v in p) + "\n" for p in postures), stdout=subprocess.PIPE,
+                told = subprocess.run([self.path("driver")], input="".join(" ".join(repr(v) for v in [s.get("temperature", 20)] + p) + "\n" for s, p in zip(samples, postures)), stdout=subprocess.PIPE,
                                       universal_newlines=True)
                 self.assertEqual(told.returncode, 0)
                 rows = [[float(v) for v in line.split()] for line in told.stdout.splitlines()]
                 self.assertEqual(len(rows), len(samples))
                 self.write("postures.csv", ",".join(names) + "\n" + "".join(",".join(repr(v) for v in p) + "\n" for p in postures))
-                found = self.kincal("compensate", "rig.yaml", "postures.csv", "--tip", "hand").stdout.splitlines()
+                found = self.kincal("compensate", "rig.yaml", "postures.csv", "--tip", "hand", "--temperature", "33").stdout.splitlines()
                 columns = found[0].split(",")
                 for i, (sample, row) in enumerate(zip(samples, rows)):
                     z = sample["views"][0]["pose"] if "pose" in sample["views"][0] else sample["views"][0]["z"]
                     xyz = z["xyz"] if isinstance(z, dict) else z[:3]
                     self.assertLess(max(abs(a - b) for a, b in zip(row, xyz)), 1e-12)
                     if i < 50:
+                        python.temperature = sample.get("temperature", 20)
                         tip = python.forward(postures[i])
                         self.assertLess(max(abs(tip[k, 3] - row[k]) for k in range(3)), 1e-12)
                         self.assertLess(max(abs(tip[k // 3, k % 3] - row[3 + k]) for k in range(9)), 1e-12)
+                        python.temperature = 33
                         readings, position, rotation = python.compensate(postures[i])
                         self.assertLess(max(abs(a - b) for a, b in zip(readings, row[12:])), 1e-6)
                     program = dict(zip(columns, (float(v) for v in found[1 + i].split(","))))
                     self.assertLess(max(abs(program[n] - row[12 + k]) for k, n in enumerate(names)), 1e-6)
-                    if kind in ("six", "two arms") and abs(math.sin(sample["joints"]["e"])) > 0.1 and abs(math.sin(sample["joints"]["c"])) > 0.1:
+                    if kind in ("six", "two arms", "terms") and abs(math.sin(sample["joints"]["e"])) > 0.1 and abs(math.sin(sample["joints"]["c"])) > 0.1:
                         self.assertLess(max(row[-2:]), 1e-9)
 
     def test_tables(self):
@@ -199,6 +206,11 @@ class Compensate(Folder):
             run = self.run_kincal("compensate", *arguments)
             self.assertEqual(run.returncode, 1, run.stderr)
             self.assertIn(said, run.stderr)
+        self.result_of("terms")
+        self.write("postures.csv", "a,b,c,d,e,f\n0,0,0,0,0,0\n")
+        run = self.run_kincal("compensate", "rig.yaml", "postures.csv", "--tip", "hand")
+        self.assertEqual(run.returncode, 1)
+        self.assertIn("--temperature is required", run.stderr)
         os.remove(self.path("rig_rigid.yaml"))
         run = self.run_kincal("compensate", "rig.yaml", "postures.csv", "--tip", "hand")
         self.assertEqual(run.returncode, 1)

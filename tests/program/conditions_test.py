@@ -1,7 +1,7 @@
-"""Backlash and time offsets through the program: python3 conditions_test.py SOURCE_DIR KINCAL [TEST ...]
+"""What positions depend on beside the reading, through the program: python3 conditions_test.py SOURCE_DIR KINCAL [TEST ...]
 
 An arm of five joints and a tracker of its hand, simulated with `backlash` and `time_offset` of the true robot's rig. Proves: the automatic path finds both from `approach` and `rates`, within
-4 sigmas of the truth; the written rig gives the same errors in `evaluate` and is its own input; a robot without either gets neither; steps estimate them; without conditions they are
+4 sigmas of the truth, and temperatures, a ripple and a coupling as well; the written rig gives the same errors in `evaluate` and is its own input; a robot without any gets none; steps estimate them; without conditions they are
 unobservable, by name; mistakes are named with line, field and valid values. Not proved: how often a term is found that is not there (docs/results.md).
 """
 import json
@@ -25,6 +25,19 @@ joints: {"*": {sigma: 0.00003}%s}
 %s"""
 PLAY = {"a": 0.0006, "b": -0.0004, "c": 0.0008, "d": 0.0011, "e": 0.0005}
 CLOCK = 0.012
+
+
+TERMS = {"temperature": {"a": 6e-5, "b": -4e-5, "c": 5e-5, "d": 8e-5, "e": 3e-5}, "ripple": {"c": [3e-4, -2e-4, 1e-4, 2e-4]}, "coupling": {"e": {"d": 0.05}}}
+RATIO = {"c": 100, "b": 80}
+
+
+def with_terms(terms=None):
+    """The entries of joints: gear ratios, and the terms of the true robot."""
+    out = {joint: {"gear_ratio": ratio} for joint, ratio in RATIO.items()}
+    for term, values in (terms or {}).items():
+        for joint, value in values.items():
+            out.setdefault(joint, {})[term] = value
+    return RIG % ("", "".join(", %s: %s" % (joint, json.dumps(entry)) for joint, entry in out.items()), "")
 
 
 def rig(play=None, clock=None, more=""):
@@ -98,6 +111,49 @@ class Conditions(Folder):
         for name in ("backlash", "time_offset"):
             self.assertNotIn(name, self.read("out", "rig.yaml"))
 
+    def test_terms(self):
+        self.write("true.yaml", with_terms(TERMS))
+        self.kincal("simulate", "true.yaml", "--samples", "160", "--seed", "5", "--out", "made", "--quiet")
+        samples = [json.loads(line) for line in self.read("made", "samples.jsonl").splitlines()]
+        self.assertTrue(all(10 <= s["temperature"] <= 30 for s in samples))
+        self.write("samples.jsonl", "".join(json.dumps(dict(s, split="test" if i % 4 == 0 else "train")) + "\n" for i, s in enumerate(samples)))
+        self.write("rig.yaml", with_terms())
+        self.kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "found", "--no-report")
+        result = self.result("found")
+        kept = {g["group"] for g in result["automatic"] if not g.get("held")}
+        self.assertTrue({"temperature", "ripple/c", "coupling/e"} <= kept, kept)
+        self.assertFalse({"ripple/b", "coupling/a", "coupling/b"} & kept, kept)
+        for joint, value in TERMS["temperature"].items():
+            self.near(result, "joint/%s/temperature" % joint, value)
+        for k, value in enumerate(TERMS["ripple"]["c"]):
+            found = result["parameters"]["joint/c/ripple"]
+            self.assertLess(abs(found["value"][k] - value), 4 * found["sigma"][k])
+        coupling = result["parameters"]["joint/e/coupling"]
+        self.assertLess(abs(coupling["value"][0] - 0.05), 4 * coupling["sigma"][0])
+        evaluated = json.loads(self.kincal("evaluate", self.path("found", "rig.yaml"), "samples.jsonl", "--json"))
+        held_out = result["sensors"]["tracker"]["test"]["rms_as_read"]
+        self.assertAlmostEqual(evaluated["sensors"]["tracker"]["test"]["rms_as_read"], held_out, delta=1e-2 * held_out)
+        self.assertLess(held_out, 2.5e-4)
+        self.assertLess(held_out, 0.2 * result["sensors"]["tracker"]["test"]["rms_uncorrected"])
+        self.write("postures.csv", "a,b,c,d,e\n0.1,0.2,0.3,0.4,0.5\n")
+        self.assertIn("--temperature is required", self.run_kincal("compensate", "found", "postures.csv", "--tip", "hand").stderr)
+        self.kincal("compensate", "found", "postures.csv", "--tip", "hand", "--temperature", "25")
+        self.kincal("calibrate", self.path("found", "rig.yaml"), "samples.jsonl", "--out", "again", "--no-report")
+        again = self.result("again")["parameters"]
+        for name, value in result["parameters"].items():
+            if name.endswith(("/temperature", "/ripple", "/coupling")):
+                for a, b, sigma in zip(again[name]["value"], value["value"], value["sigma"]):
+                    self.assertLess(abs(a - b), 0.05 * sigma, name)  # (noise and widths are learned anew)
+
+    def test_no_terms(self):
+        self.write("true.yaml", with_terms({"temperature": dict.fromkeys(JOINTS, 0)}))
+        self.kincal("simulate", "true.yaml", "--samples", "120", "--seed", "6", "--out", "made", "--quiet")
+        self.write("rig.yaml", with_terms())
+        self.kincal("calibrate", "rig.yaml", self.path("made", "samples.jsonl"), "--out", "out", "--no-report")
+        self.assertEqual([n for n in self.result("out")["parameters"] if n.endswith(("/temperature", "/ripple", "/coupling"))], [])
+        for name in ("temperature", "ripple", "coupling"):
+            self.assertNotIn(name, self.read("out", "rig.yaml"))
+
     def test_steps(self):
         samples = self.recorded(PLAY, CLOCK)
         steps = ("estimate:\n  - {step: all, free: [target/ball/pose, joint/*/offset, joint/*/backlash, sensor/tracker/time_offset], "
@@ -124,12 +180,27 @@ class Conditions(Folder):
                                  ("approach", {"a": 0.5}, "approach.a: the direction of the joint's last motion, 1 or -1, is expected, not 0.5"),
                                  ("approach", {"a": "up"}, "approach.a: a finite number is expected, not 'up'"),
                                  ("approach", [1, 1], "approach: a mapping of joint names to numbers is expected"),
+                                 ("temperature", 298.15, "temperature: degrees Celsius are expected, -100 to 200, not 298.15 (kelvin? then it is 25)"),
+                                 ("temperature", {"a": 20}, "temperature: a finite number is expected"),
                                  ("rates", {"shoulder": 1}, "rates.shoulder: unknown joint 'shoulder'")):
             with self.subTest(said):
                 self.write("wrong.jsonl", "\n" + json.dumps(dict(samples[0], **{key: value})) + "\n")
                 run = self.run_kincal("check", "rig.yaml", "wrong.jsonl")
                 self.assertEqual(run.returncode, 1, run.stdout)
                 self.assertIn("wrong.jsonl:2", run.stderr)
+                self.assertIn(said, run.stderr)
+        for entry, said in (("{ripple: [0, 0, 0, 0]}", "joints.a.ripple: joint 'a' has no gear_ratio"),
+                            ("{gear_ratio: 0}", "joints.a.gear_ratio: a ratio greater than 0 is expected, not 0"),
+                            ("{gear_ratio: [100, 50]}", "joints.a.gear_ratio: 100 cycles in a turn are those of 50, twice as many"),
+                            ("{gear_ratio: [100, 80], ripple: [0, 0, 0, 0]}", "joints.a.ripple: a list of 8 numbers is expected, not a list of 4"),
+                            ("{coupling: {a: 0.1}}", "joints.a.coupling.a: 'a' is no other joint that turns and has a reading"),
+                            ("{coupling: 0.1}", "joints.a.coupling: a mapping of joint names to numbers is expected"),
+                            ("{temperature: hot}", "joints.a.temperature: a finite number is expected, not 'hot'")):
+            with self.subTest(said):
+                self.write("wrong.yaml", RIG % ("", ", a: " + entry, ""))
+                run = self.run_kincal("check", "wrong.yaml", "made/samples.jsonl")
+                self.assertEqual(run.returncode, 1, run.stdout)
+                self.assertIn("wrong.yaml:", run.stderr)
                 self.assertIn(said, run.stderr)
 
 

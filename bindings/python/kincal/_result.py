@@ -191,15 +191,15 @@ class Result(Found):
         """The pose base_T_frame of the calibrated robot at readings, as Rig.forward()."""
         return self.rig.forward(joints, frame, base)
 
-    def compensate(self, joints: Mapping[str, Any], tip: str, base: Optional[str] = None, position_only: bool = False) -> Compensated:
-        """Readings that move a robot that bends, or has error curves, to the pose that `urdf` has at `joints`: as `kincal compensate`.
-        `base` is the stationary reference frame of that pose."""
+    def compensate(self, joints: Mapping[str, Any], tip: str, base: Optional[str] = None, position_only: bool = False, temperature: Optional[float] = None) -> Compensated:
+        """Readings that move a robot with errors that a URDF cannot express to the pose that `urdf` has at `joints`: as `kincal compensate`.
+        `base` is the stationary reference frame of that pose; `temperature` (degrees Celsius) is required if joints depend on it."""
         files = self._data["files"]
         if "rig_rigid.yaml" not in files:
             raise InputError("compensate: there is nothing to compensate: `urdf` has all that was found")
         planned = Rig.from_text(files["rig_rigid.yaml"], files.get("robot.urdf"), "result/rig_rigid.yaml", "result/robot.urdf")
         names, values, shape = table(joints)
-        found, left = _kincal.compensate(self.rig._rig, planned._rig, (tip, base or ""), names, values, position_only)
+        found, left = _kincal.compensate(self.rig._rig, planned._rig, (tip, base or ""), names, values, (position_only, temperature))
         return Compensated({n: found[:, i].reshape(shape) for i, n in enumerate(names)}, left[:, 0].reshape(shape), left[:, 1].reshape(shape))
 
     def save(self, directory: Path, force: bool = False) -> None:

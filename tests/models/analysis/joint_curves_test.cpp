@@ -52,7 +52,7 @@ Solution solution_at(Rig rig, const std::vector<double>& readings) {
 TEST_CASE("a quadratic term, and its sigma") {
   const bool backlash = GENERATE(false, true);  // which is no term of the curve
   Rig rig = arm();
-  if (backlash) rig.joints[joint_index(rig, "elbow")].backlash = 0.001;
+  if (backlash) rig.joints[joint_index(rig, "elbow")].terms.backlash = 0.001;
   rig.tree.joints[joint_index(rig, "elbow")].lower = -1;
   rig.tree.joints[joint_index(rig, "elbow")].upper = 1.5;
   bend_joint(rig, "elbow", 0.01);

@@ -1,16 +1,22 @@
-// models/rig/conditions.h: positions that depend on the conditions of a sample, in estimation,
-// Configuration and simulation.
+// models/rig/conditions.h: positions that depend on the conditions of a sample, on gear ratios and
+// on readings of other joints, in estimation, Configuration and simulation.
 //
-// Proves: every derivative of an Estimation of the nasty robot with backlash and time offsets,
-// column by column, with followers, a scanning joint and errors of readings, stiff and bending, in
-// samples with and without conditions; residuals of simulated samples (simulation walks by
-// Configuration) are noise at the truth, and are not without their conditions. Does not prove: that
-// gears and clocks are so; what the automatic path keeps (tests/program/conditions_test.py).
+// Proves: every derivative of an Estimation of the nasty robot with backlash, temperatures,
+// ripples, couplings and time offsets, column by column and the errors of readings one by one, with
+// followers, a scanning joint, stiff and bending, in samples with and without conditions;
+// derivatives of a frame by readings that are coupled; residuals of simulated samples (simulation
+// walks by Configuration) are noise at the truth, and are not without each term. Does not prove:
+// that gears and clocks are so; what the automatic path keeps (tests/program/conditions_test.py).
 #include "../../../models/rig/conditions.h"
 
 #include <catch2/catch.hpp>
 #include <cmath>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
 
+#include "../../../models/analysis/frames.h"
 #include "../../../models/rig/elasticity.h"
 #include "../../../models/simulation/simulation.h"
 #include "../../fixtures/open_recording.h"
@@ -31,7 +37,22 @@ Rig late_robot(bool bends) {
   Rig rig = nasty_robot();
   Random random(11);
   for (const char* joint : {"pan", "elbow", "slide", "turn", "scan", "lift"})
-    rig.joints[joint_index(rig, joint)].backlash = random.uniform(-0.02, 0.02);
+    rig.joints[joint_index(rig, joint)].terms.backlash = random.uniform(-0.02, 0.02);
+  for (const char* joint : {"pan", "elbow", "slide", "scan", "wrist"})
+    rig.joints[joint_index(rig, joint)].terms.temperature = random.uniform(-2e-3, 2e-3);
+  for (const char* joint : {"elbow", "tilt"}) {
+    JointTerms& terms = rig.joints[joint_index(rig, joint)].terms;
+    terms.gear_ratios = {7, 11.5};
+    for (int k = 0; k < 2 * kRipple; ++k) terms.ripple.push_back(random.uniform(-0.01, 0.01));
+  }
+  const std::pair<const char*, std::vector<const char*>> coupled[] = {
+      {"elbow", {"shoulder"}}, {"wrist", {"elbow", "shoulder"}}, {"tilt", {"pan"}}};
+  for (const auto& [joint, others] : coupled)
+    for (const char* other : others) {
+      JointTerms& terms = rig.joints[joint_index(rig, joint)].terms;
+      terms.coupled_to.push_back(joint_index(rig, other));
+      terms.coupling.push_back(random.uniform(-0.1, 0.1));
+    }
   for (Sensor& sensor : rig.sensors)
     if (sensor.model->measurement_kind() != MeasurementKind::chain)
       sensor.time_offset = random.uniform(-0.02, 0.02);
@@ -58,6 +79,7 @@ struct Late : OpenRecording {
         samples[s].conditions.approach[j] = random.uniform(-1, 1) < 0 ? -1 : 1;
         samples[s].conditions.rates[j] = random.uniform(-1, 1);
       }
+      samples[s].conditions.temperature = random.uniform(10, 40);
     }
     values.shared = table.initial;
     for (size_t s = 0; s < samples.size(); ++s)
@@ -74,7 +96,8 @@ TEST_CASE("conditions: every derivative of an estimation") {
     EstimationSetup setup;
     setup.noise = NoiseMode::latent;
     setup.sensors = all_sensors(s.rig);
-    setup.free = freed(s.table, {"joint/*/backlash", "sensor/*/time_offset", "joint/*/offset",
+    setup.free = freed(s.table, {"joint/*/backlash", "joint/*/temperature", "joint/*/ripple",
+                                 "joint/*/coupling", "sensor/*/time_offset", "joint/*/offset",
                                  "joint/*/scale", "joint/flange/origin", "joint/pan/origin"});
     Estimation problem(s, s.training(), setup);
     problem.set_workers(1);
@@ -83,17 +106,47 @@ TEST_CASE("conditions: every derivative of an estimation") {
     problem.prepare(state);
     const Stacked analytic = stack(problem, state);
     const MatrixXd numeric = stacked_differences(problem, state, 1e-5);
-    int touched = 0;
+    std::map<std::string, int> touched;
     for (Eigen::Index k = 0; k < analytic.j.cols(); ++k) {
       const std::string name = k >= analytic.privates
                                    ? problem.column_name(static_cast<int>(k - analytic.privates))
                                    : "private";
       INFO("column " << k << " " << name << " bends " << bends);
       CHECK((analytic.j.col(k) - numeric.col(k)).norm() <= 1e-6 * numeric.col(k).norm() + 1e-5);
-      touched += numeric.col(k).norm() > 0 && (name.find("backlash") != std::string::npos ||
-                                               name.find("time_offset") != std::string::npos);
+      if (numeric.col(k).norm() > 0)
+        for (const char* one : {"backlash", "temperature", "ripple", "coupling", "time_offset"})
+          touched[one] += name.find(one) != std::string::npos;
     }
-    CHECK(touched > 8);
+    CHECK(touched["backlash"] + touched["time_offset"] > 8);
+    CHECK(touched["temperature"] == 5);
+    CHECK(touched["ripple"] == 16);
+    CHECK(touched["coupling"] == 4);
+  }
+}
+
+TEST_CASE("conditions: a frame moves with readings that its joints are coupled to") {
+  const Rig rig = late_robot(false);
+  const ParameterTable table(rig);
+  Readings readings(rig.joints.size(), 0);
+  Random random(13);
+  for (double& reading : readings) reading = random.uniform(-1, 1);
+  const Frame tool = {"tool", link_index(rig, "tool"), -1};
+  const FrameDerivative by = frame_derivative(rig, table, table.initial, {}, tool, readings);
+  REQUIRE(by.joints.size() == 4);  // shoulder, elbow, slide, wrist
+  for (size_t i = 0; i < by.joints.size(); ++i) {
+    constexpr double kStep = 1e-6;
+    Readings more = readings, less = readings;
+    more[by.joints[i]] += kStep;
+    less[by.joints[i]] -= kStep;
+    const Pose a = base_T_frame(rig, table, table.initial, tool, less),
+               b = base_T_frame(rig, table, table.initial, tool, more);
+    VectorXd numeric(6);
+    numeric << b.translation - a.translation, log_so3(b.rotation * a.rotation.transpose());
+    numeric *= rig.joints[by.joints[i]].sigma / (2 * kStep);
+    const VectorXd analytic = by.by_readings.col(static_cast<Eigen::Index>(i));
+    INFO(rig.tree.joints[by.joints[i]].name << ": " << analytic.transpose() << ", "
+                                            << numeric.transpose());
+    CHECK((analytic - numeric).norm() < 1e-7 * numeric.norm());
   }
 }
 
@@ -111,7 +164,11 @@ TEST_CASE("conditions: simulated samples fit at the truth, with what they state 
   add_tracker(rig, "tracker", "base", at(1, 1), Vector3d::Constant(1e-5));
   finish_tree(rig.tree);
   rig.joints.resize(rig.tree.joints.size());
-  for (JointSettings& joint : rig.joints) joint.backlash = 2e-3;
+  for (JointSettings& joint : rig.joints) joint.terms.backlash = joint.terms.temperature = 2e-3;
+  rig.joints[1].terms.gear_ratios = {50};
+  rig.joints[1].terms.ripple = {1e-3, -2e-3, 0, 1e-3};
+  rig.joints[1].terms.coupled_to = {0};
+  rig.joints[1].terms.coupling = {0.05};
   rig.sensors[0].time_offset = 5e-3;
   const ParameterTable table(rig);
   CHECK(table.initial(table.all[table.time_offset[0]].start) == 5e-3);
@@ -120,13 +177,14 @@ TEST_CASE("conditions: simulated samples fit at the truth, with what they state 
   SimulationOptions options;
   options.samples = 40;
   std::vector<Sample> samples = simulate(rig, table, table.initial, options).samples;
+  Rig known = rig;
   const auto chi2_per_row = [&] {
-    const Recording recording(rig, samples);
+    const Recording recording(known, samples);
     EstimationSetup setup;
     setup.sensors = {0};
     const Estimation problem(recording, recording.training(), setup);
     Values values;
-    values.shared = table.initial;
+    values.shared = recording.table.initial;
     double sum = 0, rows = 0;
     for (const ViewResiduals& view : problem.residuals(problem.pack(values))) {
       sum += view.whitened.squaredNorm();
@@ -140,6 +198,15 @@ TEST_CASE("conditions: simulated samples fit at the truth, with what they state 
   CHECK(chi2_per_row() > 1000);
   samples = stated;
   for (Sample& sample : samples) sample.conditions.rates.clear();
+  CHECK(chi2_per_row() > 1000);
+  samples = stated;
+  for (Sample& sample : samples) sample.conditions.temperature.reset();
+  CHECK(chi2_per_row() > 1000);
+  samples = stated;
+  known.joints[1].terms.ripple.assign(kRipple, 0);
+  CHECK(chi2_per_row() > 1000);
+  known = rig;
+  known.joints[1].terms.coupling = {0};
   CHECK(chi2_per_row() > 1000);
 }
 
