@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "../../io/document/names.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/monitor/monitor.h"
 #include "../../models/monitor/static_view.h"
@@ -17,6 +18,7 @@ struct kincal_monitor {
   NamesByKind names;
   Innovation last = {};
   std::vector<Moved> moved = {};
+  std::vector<kincal_recalibrated> recalibrated = {};
 };
 
 namespace kincal {
@@ -81,31 +83,91 @@ View view_of(const kincal_view& from, const Rig& rig, const std::string& where) 
   return out;
 }
 
-Sample sample_of(const kincal_sample& from, const Rig& rig,
-                 const std::vector<std::string>& joints) {
+/// `where` begins the places in messages.
+Sample sample_of(const kincal_sample& from, const Rig& rig, const std::vector<std::string>& joints,
+                 const std::string& where = "") {
   if (from.view_size < sizeof(kincal_view))
-    throw Refusal{KINCAL_USAGE, "view_size: " + std::to_string(from.view_size) +
+    throw Refusal{KINCAL_USAGE, where + "view_size: " + std::to_string(from.view_size) +
                                     " is not the size of a view (" +
                                     std::to_string(sizeof(kincal_view)) + ")"};
   Sample out;
   out.id = from.id ? from.id : "";
   if (from.readings_count != joints.size())
-    throw InputError("readings: " + std::to_string(joints.size()) +
+    throw InputError(where + "readings: " + std::to_string(joints.size()) +
                      " are expected, one a joint, not " + std::to_string(from.readings_count));
-  const std::vector<double> readings = array_of(from.readings, joints.size(), "readings");
+  const std::vector<double> readings = array_of(from.readings, joints.size(), where + "readings");
   out.readings.assign(rig.tree.joints.size(), kNan);
   for (size_t i = 0; i < readings.size(); ++i) {
     if (std::isinf(readings[i]))
-      throw InputError("readings[" + std::to_string(i) + "]: that of '" + joints[i] +
+      throw InputError(where + "readings[" + std::to_string(i) + "]: that of '" + joints[i] +
                        "' is infinite");
     out.readings[static_cast<size_t>(rig.tree.find_joint(joints[i]))] = readings[i];
   }
-  if (from.views_count > 0) given(from.views, "views");
+  if (from.views_count > 0) given(from.views, (where + "views").c_str());
   const char* const first = reinterpret_cast<const char*>(from.views);
   for (size_t v = 0; v < from.views_count; ++v) {
     kincal_view view;
     std::memcpy(&view, first + v * from.view_size, sizeof view);
-    out.views.push_back(view_of(view, rig, "views[" + std::to_string(v) + "]."));
+    out.views.push_back(view_of(view, rig, where + "views[" + std::to_string(v) + "]."));
+  }
+  return out;
+}
+
+/// The samples of a window. @throws Refusal, InputError
+std::vector<Sample> samples_of(const kincal_window& window, const kincal_monitor& monitor) {
+  const Rig& rig = monitor.monitor.rig();
+  if (window.lines) {
+    if (window.samples)
+      throw Refusal{KINCAL_USAGE, "samples: there are lines, too; one of both is expected"};
+    return parse_samples(text_of(window.lines, "lines"), name_of(*window.lines, "lines"), rig);
+  }
+  if (window.samples_count == 0) return {};
+  if (window.sample_size < sizeof(kincal_sample))
+    throw Refusal{KINCAL_USAGE, "sample_size: " + std::to_string(window.sample_size) +
+                                    " is not the size of a sample (" +
+                                    std::to_string(sizeof(kincal_sample)) + ")"};
+  const char* const first = reinterpret_cast<const char*>(&given(window.samples, "samples"));
+  std::vector<Sample> out;
+  for (size_t i = 0; i < window.samples_count; ++i) {
+    const std::string where = "samples[" + std::to_string(i) + "]";
+    kincal_sample one;
+    std::memcpy(&one, first + i * window.sample_size, sizeof one);
+    out.push_back(
+        sample_of(sized(&one, where.c_str()), rig, monitor.names[KINCAL_JOINTS], where + "."));
+  }
+  return out;
+}
+
+/// The groups of these names. @throws Refusal, InputError
+std::vector<int> groups_of(const kincal_names& names, const std::vector<std::string>& all) {
+  std::vector<int> out;
+  const std::vector<std::string> wanted = list_of(names, "groups");
+  for (size_t i = 0; i < wanted.size(); ++i) {
+    const auto found = std::find(all.begin(), all.end(), wanted[i]);
+    if (found == all.end())
+      throw InputError("groups[" + std::to_string(i) + "]: there is no group '" + wanted[i] + "'" +
+                       nearest_or_all(wanted[i], all, "there are"));
+    out.push_back(static_cast<int>(found - all.begin()));
+  }
+  if (out.empty()) throw InputError("groups: at least one is expected");
+  return out;
+}
+
+std::vector<kincal_recalibrated> components_of(const Recalibration& done, const Monitor& monitor) {
+  std::vector<kincal_recalibrated> out;
+  const ParameterTable& table = monitor.table();
+  for (size_t i = 0; i < monitor.columns().size(); ++i) {
+    const Component& component = monitor.columns()[i];
+    const Parameter& parameter = table.all[static_cast<size_t>(component.parameter)];
+    const auto k = static_cast<Eigen::Index>(i);
+    kincal_recalibrated one{};
+    one.change = done.change(k);
+    one.value = parameter.pose ? one.change : done.state.values(parameter.start + component.index);
+    one.sigma = std::sqrt(std::max(0.0, done.state.covariance(k, k)));
+    one.determined = done.undetermined[i] == 0;
+    copy_text(one.name, sizeof one.name, table.name(component));
+    copy_text(one.unit, sizeof one.unit, table.unit(component));
+    out.push_back(one);
   }
   return out;
 }
@@ -242,6 +304,35 @@ kincal_status kincal_monitor_restart(kincal_monitor* monitor, int32_t accept, ki
     kincal_monitor& of = given(monitor, "monitor");
     of.monitor.restart(accept != 0);
     of.moved.clear();
+  });
+}
+
+kincal_status kincal_monitor_recalibrate(kincal_monitor* monitor, const kincal_window* window,
+                                         kincal_recalibration* recalibration, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    const kincal_window& wish = sized(window, "window");
+    sized(recalibration, "recalibration");
+    const std::vector<int> groups = groups_of(wish.groups, of.names[KINCAL_GROUPS]);
+    constexpr int kMost = 1000, kUsual = 5;
+    if (wish.iterations < 0 || wish.iterations > kMost)
+      throw InputError("iterations: " + std::to_string(wish.iterations) + " is not in 0 .. " +
+                       std::to_string(kMost));
+    const std::vector<Sample> samples = samples_of(wish, of);
+    if (samples.empty()) throw InputError("samples: at least one is expected");
+    const Recalibration done =
+        of.monitor.recalibrated(samples, groups, wish.iterations > 0 ? wish.iterations : kUsual);
+    of.recalibrated = components_of(done, of.monitor);
+    write_struct(recalibration, kincal_recalibration{0, static_cast<size_t>(done.samples),
+                                                     of.recalibrated.size()});
+  });
+}
+
+kincal_status kincal_monitor_recalibrated(const kincal_monitor* monitor, size_t index,
+                                          kincal_recalibrated* recalibrated, kincal_error* error) {
+  return guarded(error, [&] {
+    sized(recalibrated, "recalibrated");
+    write_struct(recalibrated, element(given(monitor, "monitor").recalibrated, index, "index"));
   });
 }
 

@@ -33,9 +33,10 @@ constexpr double kUndetermined = 0.5;
 /// a joint.
 using NoiseOf = std::pair<int, int>;
 
-/// `needed`: of needed_by_views().
-void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sample& sample) {
-  const auto fail = [](const std::string& what) { throw std::invalid_argument(what); };
+/// `needed`: of needed_by_views(). `place` begins the messages.
+void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sample& sample,
+           const std::string& place = "") {
+  const auto fail = [&](const std::string& what) { throw std::invalid_argument(place + what); };
   if (sample.readings.size() != rig.tree.joints.size())
     fail("readings: one for every joint of the rig is expected (NaN: not in the sample)");
   if (!sample.noise.empty() && sample.noise.size() != sample.readings.size())
@@ -544,7 +545,8 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
   for (const int g : groups)
     if (g < 0 || g >= static_cast<int>(p.test->groups().size()))
       throw std::invalid_argument("groups: there is no such group");
-  for (const Sample& sample : window) check(p.base.rig, p.needed, sample);
+  for (size_t k = 0; k < window.size(); ++k)
+    check(p.base.rig, p.needed, window[k], "samples[" + std::to_string(k) + "].");
   const auto n = static_cast<Index>(p.columns.size());
   MatrixXd prior = p.known;
   VectorXd width = VectorXd::Zero(n);
