@@ -346,6 +346,10 @@ typedef struct kincal_innovation {
   char why[256];
 } kincal_innovation;
 
+/* How many bytes a monitor of this result takes before its first sample, at most 5 % above: known
+ * before one is made. [shared] */
+KINCAL_API kincal_status kincal_monitor_memory(const kincal_result* result, size_t* bytes,
+                                               kincal_error* error);
 /* Starts from a result with a covariance. `options` may be NULL: 10000 samples. [shared] */
 KINCAL_API kincal_status kincal_monitor_new(const kincal_result* result,
                                             const kincal_monitor_options* options,
@@ -356,8 +360,13 @@ KINCAL_API void kincal_monitor_free(kincal_monitor* monitor);
 KINCAL_API const char* kincal_monitor_name(const kincal_monitor* monitor, int32_t kind,
                                            size_t index);
 
-/* Adds a sample. Robots with floating joints, and sigmas of single readings, need
- * kincal_monitor_add_json(). [one] */
+/* Makes what samples of this form need (the same views of the same points), so that already the
+ * first of them allocates nothing. This sample does not count. [one] */
+KINCAL_API kincal_status kincal_monitor_prepare(kincal_monitor* monitor, const kincal_sample* like,
+                                                kincal_error* error);
+/* Adds a sample. Of a form that was there or prepared, most samples allocate nothing
+ * (docs/on-a-robot.md#what-it-costs). Robots with floating joints, and sigmas of single readings,
+ * need kincal_monitor_add_json(). [one] */
 KINCAL_API kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* sample,
                                             kincal_innovation* innovation, kincal_error* error);
 /* The same for one line of a samples.jsonl. [one] */

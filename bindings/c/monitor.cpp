@@ -19,6 +19,10 @@ struct kincal_monitor {
   Innovation last = {};
   std::vector<Moved> moved = {};
   std::vector<kincal_recalibrated> recalibrated = {};
+  // Samples as they come, in the same memory.
+  Sample sample = {};
+  std::vector<View> spare = {};  // of samples with more views
+  std::vector<char> seen = {};   // by point of a target
 };
 
 namespace kincal {
@@ -34,8 +38,20 @@ std::vector<T> array_of(const T* from, size_t count, const std::string& where) {
   return std::vector<T>(from, from + count);
 }
 
-/// What a reader of samples.jsonl checks, and Monitor::add() does not.
-void check_view(const Rig& rig, const View& view, const std::string& where) {
+/// The same into `to`.
+template <class T, class To>
+void copy_array(const T* from, size_t count, const std::string& where, std::vector<To>& to) {
+  to.clear();
+  if (count == 0) return;
+  if (count > static_cast<size_t>(std::numeric_limits<int>::max()))
+    throw Refusal{KINCAL_USAGE, where + ": " + std::to_string(count) + " are too many"};
+  given(from, where.c_str());
+  to.assign(from, from + count);
+}
+
+/// What a reader of samples.jsonl checks, and Monitor::add() does not. `seen` is scratch.
+void check_view(const Rig& rig, const View& view, const std::string& where,
+                std::vector<char>& seen) {
   const Sensor& sensor = rig.sensors[view.sensor];
   const Target& target = rig.targets[view.target];
   const bool plane = target.type == "plane";
@@ -53,7 +69,7 @@ void check_view(const Rig& rig, const View& view, const std::string& where) {
     return;
   }
   if (view.ids.empty()) throw InputError(where + "ids: at least one point is expected");
-  std::vector<char> seen(static_cast<size_t>(target.count()), 0);
+  seen.assign(static_cast<size_t>(target.count()), 0);
   for (const int id : view.ids) {
     if (id < 0 || id >= target.count())
       throw InputError(where + "ids: '" + target.name + "' has no point " + std::to_string(id));
@@ -63,58 +79,69 @@ void check_view(const Rig& rig, const View& view, const std::string& where) {
   }
 }
 
-View view_of(const kincal_view& from, const Rig& rig, const std::string& where) {
+void read_view(const kincal_view& from, const Rig& rig, const std::string& where, View& out,
+               std::vector<char>& seen) {
   const auto index = [&](int32_t at, size_t count, const char* what) {
     if (at < 0 || static_cast<size_t>(at) >= count)
       throw InputError(where + what + ": the rig has no " + what + " " + std::to_string(at));
     return static_cast<int>(at);
   };
-  View out;
   out.sensor = index(from.sensor, rig.sensors.size(), "sensor");
   out.target = index(from.target, rig.targets.size(), "target");
-  const std::vector<int32_t> ids = array_of(from.ids, from.ids_count, where + "ids");
-  out.ids = std::vector<int>(ids.begin(), ids.end());
-  out.z = array_of(from.z, from.z_count, where + "z");
-  out.sigma = from.sigma ? array_of(from.sigma, from.sigma_count, where + "sigma")
-                         : rig.sensors[out.sensor].sigma;
-  check_view(rig, out, where);
+  copy_array(from.ids, from.ids_count, where + "ids", out.ids.own());
+  copy_array(from.z, from.z_count, where + "z", out.z);
+  if (from.sigma)
+    copy_array(from.sigma, from.sigma_count, where + "sigma", out.sigma.own());
+  else if (out.sigma != rig.sensors[out.sensor].sigma)
+    out.sigma = rig.sensors[out.sensor].sigma;
+  check_view(rig, out, where, seen);
   if (out.z.size() == 7 && rig.sensors[out.sensor].model->measures_pose())
     Eigen::Map<Eigen::Vector4d>(out.z.data() + 3).normalize();
-  return out;
 }
 
-/// `where` begins the places in messages.
-Sample sample_of(const kincal_sample& from, const Rig& rig, const std::vector<std::string>& joints,
+/// Reads a sample into `monitor.sample`. `where` begins the places in messages.
+/// @throws Refusal, InputError
+void read_sample(const kincal_sample& from, kincal_monitor& monitor,
                  const std::string& where = "") {
+  const Rig& rig = monitor.monitor.rig();
+  const std::vector<std::string>& joints = monitor.names[KINCAL_JOINTS];
   if (from.view_size < sizeof(kincal_view))
     throw Refusal{KINCAL_USAGE, where + "view_size: " + std::to_string(from.view_size) +
                                     " is not the size of a view (" +
                                     std::to_string(sizeof(kincal_view)) + ")"};
-  Sample out;
+  Sample& out = monitor.sample;
   out.id = from.id ? from.id : "";
   if (from.readings_count != joints.size())
     throw InputError(where + "readings: " + std::to_string(joints.size()) +
                      " are expected, one a joint, not " + std::to_string(from.readings_count));
-  const std::vector<double> readings = array_of(from.readings, joints.size(), where + "readings");
+  if (!joints.empty()) given(from.readings, (where + "readings").c_str());
   out.readings.assign(rig.tree.joints.size(), kNan);
-  for (size_t i = 0; i < readings.size(); ++i) {
-    if (std::isinf(readings[i]))
+  for (size_t i = 0; i < joints.size(); ++i) {
+    if (std::isinf(from.readings[i]))
       throw InputError(where + "readings[" + std::to_string(i) + "]: that of '" + joints[i] +
                        "' is infinite");
-    out.readings[static_cast<size_t>(rig.tree.find_joint(joints[i]))] = readings[i];
+    out.readings[static_cast<size_t>(rig.tree.find_joint(joints[i]))] = from.readings[i];
   }
   if (from.views_count > 0) given(from.views, (where + "views").c_str());
+  while (out.views.size() > from.views_count) {
+    monitor.spare.push_back(std::move(out.views.back()));
+    out.views.pop_back();
+  }
   const char* const first = reinterpret_cast<const char*>(from.views);
   for (size_t v = 0; v < from.views_count; ++v) {
     kincal_view view;
     std::memcpy(&view, first + v * from.view_size, sizeof view);
-    out.views.push_back(view_of(view, rig, where + "views[" + std::to_string(v) + "]."));
+    if (v == out.views.size()) {
+      if (monitor.spare.empty()) monitor.spare.emplace_back();
+      out.views.push_back(std::move(monitor.spare.back()));
+      monitor.spare.pop_back();
+    }
+    read_view(view, rig, where + "views[" + std::to_string(v) + "].", out.views[v], monitor.seen);
   }
-  return out;
 }
 
 /// The samples of a window. @throws Refusal, InputError
-std::vector<Sample> samples_of(const kincal_window& window, const kincal_monitor& monitor) {
+std::vector<Sample> samples_of(const kincal_window& window, kincal_monitor& monitor) {
   const Rig& rig = monitor.monitor.rig();
   if (window.lines) {
     if (window.samples)
@@ -132,8 +159,9 @@ std::vector<Sample> samples_of(const kincal_window& window, const kincal_monitor
     const std::string where = "samples[" + std::to_string(i) + "]";
     kincal_sample one;
     std::memcpy(&one, first + i * window.sample_size, sizeof one);
-    out.push_back(
-        sample_of(sized(&one, where.c_str()), rig, monitor.names[KINCAL_JOINTS], where + "."));
+    read_sample(sized(&one, where.c_str()), monitor, where + ".");
+    out.push_back(monitor.sample);
+    for (View& view : out.back().views) view.ids.own();
   }
   return out;
 }
@@ -187,7 +215,7 @@ int32_t state_number(SampleState state) {
 }
 
 void show(kincal_monitor& monitor, const Sample& sample, kincal_innovation* innovation) {
-  monitor.last = monitor.monitor.add(sample);
+  monitor.monitor.add(sample, monitor.last);
   monitor.moved.clear();
   const Innovation& last = monitor.last;
   kincal_innovation out{};
@@ -205,6 +233,14 @@ void show(kincal_monitor& monitor, const Sample& sample, kincal_innovation* inno
 
 }  // namespace
 }  // namespace kincal
+
+kincal_status kincal_monitor_memory(const kincal_result* result, size_t* bytes,
+                                    kincal_error* error) {
+  return guarded(error, [&] {
+    given(bytes, "bytes");
+    *bytes = monitor_memory(state_of(given(result, "result").calibrated));
+  });
+}
 
 kincal_status kincal_monitor_new(const kincal_result* result, const kincal_monitor_options* options,
                                  kincal_monitor** monitor, kincal_error* error) {
@@ -233,8 +269,17 @@ kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* s
   return guarded(error, [&] {
     kincal_monitor& of = given(monitor, "monitor");
     sized(innovation, "innovation");
-    show(of, sample_of(sized(sample, "sample"), of.monitor.rig(), of.names[KINCAL_JOINTS]),
-         innovation);
+    read_sample(sized(sample, "sample"), of);
+    show(of, of.sample, innovation);
+  });
+}
+
+kincal_status kincal_monitor_prepare(kincal_monitor* monitor, const kincal_sample* like,
+                                     kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    read_sample(sized(like, "like"), of);
+    of.monitor.prepare(of.sample);
   });
 }
 

@@ -192,20 +192,12 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     if (c.parameter < 0 || c.parameter >= static_cast<int>(table.all.size()))
       throw std::invalid_argument("columns: the rig has no such parameter");
   owner = hash_of(table, state, options);
-  // Everything that was estimated or may move; poses as a whole.
-  std::vector<std::pair<std::string, std::vector<Component>>> groups =
-      moving_groups(base.rig, table, state.columns);
-  const auto free = [&](const Component& c) {
-    const Parameter& p = table.all[c.parameter];
-    merge(setup.free, {p.pose ? whole(table, c.parameter) : Freed{c.parameter, {c.index}}});
-  };
-  for (const Component& c : state.columns) free(c);
-  for (const auto& group : groups)
-    for (const Component& c : group.second) free(c);
+  Followed all = followed(base.rig, table, state.columns);
+  setup.free = std::move(all.free);
   setup.noise = NoiseMode::latent;
   setup.initial = values;
   for (size_t s = 0; s < base.rig.sensors.size(); ++s) setup.sensors.push_back(static_cast<int>(s));
-  columns = components_of(setup.free);
+  columns = std::move(all.columns);
   const auto place = [&](const Component& c) {
     return static_cast<Index>(std::find(columns.begin(), columns.end(), c) - columns.begin());
   };
@@ -229,7 +221,7 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     known += open * open.transpose();
   }
   std::vector<DriftGroup> drift;
-  for (const auto& group : groups) {
+  for (const auto& group : all.groups) {
     DriftGroup of{group.first, {}, VectorXd(static_cast<Index>(group.second.size()))};
     for (const Component& c : group.second) {
       const double size = scales(table, c, values).usual;
@@ -422,6 +414,15 @@ void Monitor::Parts::take_fitting(const Equations& e, long number) {
   const long residuals = innovations.reduce(e, variance);
   test->look(e.columns, innovations.j(), innovations.y(), residuals);
   test->take(true, number);
+}
+
+void Monitor::prepare(const Sample& like) {
+  Parts& p = *parts_;
+  check(p.base.rig, p.needed, like);
+  std::string why;
+  if (!p.equations(like, p.at_hand, why)) return;
+  p.innovations.expect(p.at_hand, p.variance, *p.test);
+  p.innovations.reduce(p.at_hand, p.variance);
 }
 
 Innovation Monitor::add(const Sample& sample) {

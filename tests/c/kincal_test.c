@@ -5,16 +5,43 @@
  * Proves: an arm is calibrated from texts in memory; the result read back from its texts is the
  * same; poses, covariance and its blocks, residuals as in the file; evaluation, check and plans; a
  * monitor that is shown structs says what one says that is shown the same as JSON, and finds what
- * moved; a recalibration finds the new pose; wrong input is refused with status,
- * file, line and name, and what was called works as before; structs of other sizes; a listener that
- * cancels; several threads on one problem and result. Files of the result are written to FOLDER/c,
- * for c_test.py to compare. Does not prove: that the numbers are right (the other tests do). */
+ * moved, and allocates nothing for prepared forms; a recalibration finds the new pose; wrong input
+ * is refused with status, file, line and name, and what was called works as before; structs of
+ * other sizes; a listener that cancels; several threads on one problem and result. Files of the
+ * result are written to FOLDER/c, for c_test.py to compare. Does not prove: that the numbers are
+ * right (the other tests do). */
 #include <kincal.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+/* Allocations while `counting`, of the library too; where malloc is glibc's. */
+static volatile int counting = 0;
+static long allocations = 0;
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+void* __libc_malloc(size_t size);
+void* __libc_calloc(size_t count, size_t size);
+void* __libc_realloc(void* p, size_t size);
+void* __libc_memalign(size_t alignment, size_t size);
+void* malloc(size_t size) {
+  if (counting) ++allocations;
+  return __libc_malloc(size);
+}
+void* calloc(size_t count, size_t size) {
+  if (counting) ++allocations;
+  return __libc_calloc(count, size);
+}
+void* realloc(void* p, size_t size) {
+  if (counting) ++allocations;
+  return __libc_realloc(p, size);
+}
+void* aligned_alloc(size_t alignment, size_t size) {
+  if (counting) ++allocations;
+  return __libc_memalign(alignment, size);
+}
+#endif
 
 static int failures = 0;
 #define CHECK(condition)                                     \
@@ -793,6 +820,40 @@ static void test_recalibration(const kincal_result* result) {
   kincal_monitor_free(monitor);
 }
 
+/* Samples of prepared forms allocate nothing, and the monitor says the same as another one. */
+static void test_prepared(const kincal_result* result) {
+  enum { SAMPLES = 24 };
+  kincal_monitor *monitor = NULL, *other = NULL;
+  MUST(kincal_monitor_new(result, NULL, &monitor, error));
+  MUST(kincal_monitor_new(result, NULL, &other, error));
+  static numbers n[SAMPLES];
+  FILE* in = numbers_of("later.txt");
+  for (int i = 0; i < SAMPLES; ++i) {
+    CHECK(next_sample(in, &n[i]));
+    MUST(kincal_monitor_prepare(monitor, &n[i].sample, error));
+  }
+  fclose(in);
+  CHECK(counts_of(monitor).samples == 0 && counts_of(monitor).noise == 0);
+  kincal_innovation a = innovation(), b = innovation();
+  for (int i = 0; i < SAMPLES; ++i) {
+    counting = i > 0; /* the first one makes room for the list of sensors */
+    CHECK(kincal_monitor_add(monitor, &n[i].sample, &a, NULL) == KINCAL_OK);
+    counting = 0;
+    MUST(kincal_monitor_add(other, &n[i].sample, &b, error));
+    CHECK(memcmp(&a, &b, sizeof a) == 0);
+  }
+  CHECK(allocations == 0);
+  n[0].ids[0] = -1;
+  FAILS(kincal_monitor_prepare(monitor, &n[0].sample, error), KINCAL_INPUT, "no point -1");
+  CHECK(strcmp(error->name, "views[0].ids") == 0);
+  size_t bytes = 0;
+  MUST(kincal_monitor_memory(result, &bytes, error));
+  CHECK(bytes > 1000000 && bytes < 4000000);
+  FAILS(kincal_monitor_memory(result, NULL, error), KINCAL_USAGE, "bytes: is NULL");
+  kincal_monitor_free(other);
+  kincal_monitor_free(monitor);
+}
+
 /* A board whose picture moves by 3 px, with a little noise that repeats. */
 static void test_static_view(void) {
   enum { POINTS = 20 };
@@ -1124,6 +1185,7 @@ int main(int argc, char** argv) {
   test_evaluation(result);
   test_monitor(result);
   test_recalibration(result);
+  test_prepared(result);
   test_static_view();
   test_wrong_samples(result);
   test_wrong_problems();
