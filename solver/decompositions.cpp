@@ -31,9 +31,28 @@ SymmetricEigen symmetric_eigen(const MatrixXd& matrix) {
   return {eigen.eigenvalues(), eigen.eigenvectors()};
 }
 
+UpTo12 least_eigenvector(const Eigen::Ref<const MatrixXd>& matrix) {
+  using Small = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 12, 12>;
+  return Eigen::SelfAdjointEigenSolver<Small>(Small(matrix)).eigenvectors().col(0);
+}
+
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts) {
   return parts_of(Eigen::JacobiSVD<MatrixXd>(matrix, parts));
 }
+
+struct RepeatedSvd::Parts {
+  MatrixXd matrix;
+  Eigen::JacobiSVD<MatrixXd> svd;
+};
+RepeatedSvd::RepeatedSvd() : parts_(new Parts) {}
+RepeatedSvd::~RepeatedSvd() = default;
+void RepeatedSvd::compute(const Eigen::Ref<const MatrixXd>& matrix, unsigned parts) {
+  parts_->matrix = matrix;
+  parts_->svd.compute(parts_->matrix, parts);
+}
+const VectorXd& RepeatedSvd::values() const { return parts_->svd.singularValues(); }
+const MatrixXd& RepeatedSvd::u() const { return parts_->svd.matrixU(); }
+const MatrixXd& RepeatedSvd::v() const { return parts_->svd.matrixV(); }
 
 VectorXd least_squares(const MatrixXd& a, const VectorXd& b) {
   return a.colPivHouseholderQr().solve(b);

@@ -1,5 +1,6 @@
 // Dense decompositions behind plain functions. Eigen instantiates each of them anew in every source
-// that names it, several seconds a time; here each is compiled once. All of them allocate.
+// that names it, several seconds a time; here each is compiled once. They allocate where they do
+// not say otherwise.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,6 +18,10 @@ struct SymmetricEigen {
   MatrixXd vectors;
 };
 SymmetricEigen symmetric_eigen(const MatrixXd& matrix);
+/// Returns the eigenvector of the smallest eigenvalue, of a matrix of at most 12 rows. Allocates
+/// nothing.
+using UpTo12 = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 12, 1>;
+UpTo12 least_eigenvector(const Eigen::Ref<const MatrixXd>& matrix);
 
 /// SingularValues has the singular values, descending, and what `parts` asks for
 /// (Eigen::ComputeFullU, ComputeThinV, ...; 0: the values only). They come by Jacobi's method: the
@@ -28,6 +33,21 @@ struct SingularValues {
   MatrixXd u, v;
 };
 SingularValues singular_values(const MatrixXd& matrix, unsigned parts = 0);
+
+/// The same again and again, in the same memory: only the first matrix of a size allocates.
+class RepeatedSvd {
+ public:
+  RepeatedSvd();
+  ~RepeatedSvd();
+  void compute(const Eigen::Ref<const MatrixXd>& matrix, unsigned parts);
+  const VectorXd& values() const;
+  const MatrixXd& u() const;
+  const MatrixXd& v() const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
 
 /// Returns x of the least |a x - b|^2, by QR with column pivoting; where the rank is not full the
 /// columns that come last get 0.

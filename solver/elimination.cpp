@@ -580,6 +580,20 @@ void Arrowhead::bend_shared(int k) {
   }
 }
 
+void Arrowhead::reserve_curvature(Eigen::Index state_size) {
+  if (groups.empty()) return;
+  const size_t rows_size = stores.back().rows + static_cast<size_t>(groups.back().private_size) *
+                                                    stride(groups.size() - 1);
+  here.rows.reserve(rows_size);
+  here.shared.reserve(totals().shared.size());
+  here.gradient.resize(totals().gradient.size());
+  shared_move.resize(shared_scale.size());
+  private_move.resize(private_scale.size());
+  rows_curvature.reserve(rows_size + kSlack);
+  shared_curvature.reserve(totals().shared.size());
+  beside.resize(state_size);
+}
+
 bool Arrowhead::find_curvature(const VectorXd& state, const std::function<void()>& before_each) {
   curved = false;
   if (!bends()) return false;

@@ -98,6 +98,8 @@ class Arrowhead {
   /// systems, and where a residual is undefined close by. `before_each` linearisation is called and
   /// may throw: then there is none, too.
   bool find_curvature(const VectorXd& state, const std::function<void()>& before_each);
+  /// Allocates what it needs, for states of this size.
+  void reserve_curvature(Eigen::Index state_size);
   /// Returns whether second derivatives can be looked for.
   bool bends() const { return !ranges && system.dense(); }
   void forget_curvature() { curved = false; }

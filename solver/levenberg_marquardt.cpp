@@ -290,6 +290,10 @@ LevenbergMarquardt::LevenbergMarquardt(Problem& problem, SolverOptions options)
 LevenbergMarquardt::~LevenbergMarquardt() = default;
 const char* LevenbergMarquardt::linear_solver() const { return w_->arrowhead.system.name(); }
 
+void LevenbergMarquardt::reserve(Eigen::Index state_size) {
+  w_->arrowhead.reserve_curvature(state_size);
+}
+
 const SolveSummary& LevenbergMarquardt::solve(VectorXd& state) {
   try {
     w_->solve(state);

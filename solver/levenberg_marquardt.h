@@ -82,10 +82,13 @@ class LevenbergMarquardt {
   const char* linear_solver() const;
 
   /// Minimises from `state`, in place. Calls after the first allocate nothing (for dense systems
-  /// and problems that allocate nothing), except when second derivatives are first computed. The
-  /// summary belongs to the solver and is valid until the next call. If cancelled, `state` is that
-  /// of the last iteration.
+  /// and problems that allocate nothing), except when second derivatives are first computed without
+  /// reserve(). The summary belongs to the solver and is valid until the next call. If cancelled,
+  /// `state` is that of the last iteration.
   const SolveSummary& solve(VectorXd& state);
+
+  /// Allocates what second derivatives need, for states of this size.
+  void reserve(Eigen::Index state_size);
 
   /// Computes the undamped reduced system at `state`, for tests: matrix (n x n, both triangles) and
   /// gradient.

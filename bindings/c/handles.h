@@ -6,6 +6,7 @@
 #include <array>
 #include <cstring>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -24,7 +25,7 @@ struct Refusal {
 };
 
 /// Names by kind (KINCAL_JOINTS ...).
-using NamesByKind = std::array<std::vector<std::string>, 5>;
+using NamesByKind = std::array<std::vector<std::string>, 6>;
 NamesByKind names_of(const Rig& rig, const ParameterTable& table);
 /// Returns null beyond the last one.
 const char* name_at(const NamesByKind& names, int32_t kind, size_t index);
@@ -95,6 +96,18 @@ const T& element(const std::vector<T>& of, size_t index, const char* argument) {
 /// Returns the text; its name becomes `usual` where it has none. @throws Refusal
 std::string text_of(const kincal_text* text, const char* argument);
 std::string name_of(const kincal_text& text, const char* usual);
+/// @throws Refusal
+std::vector<std::string> list_of(const kincal_names& names, const char* argument);
+
+/// Returns a text with the 0 behind it.
+std::vector<char> with_end(const std::string& text);
+
+/// Writes residuals as structs of `size` bytes, as to_buffer(). @throws Refusal
+void residuals_to_buffer(const std::vector<kincal_residual>& from, kincal_residual* buffer,
+                         size_t size, size_t count, size_t* needed);
+
+/// @throws Refusal
+Progress progress_of(const kincal_progress* progress);
 
 }  // namespace kincal
 
@@ -115,4 +128,6 @@ struct kincal_result {
 
 struct kincal_answer {
   std::string json;
+  std::vector<std::pair<std::string, std::string>> texts = {};  // others, by name
+  std::optional<std::vector<kincal_residual>> residuals = {};
 };

@@ -1,17 +1,17 @@
-// The C interface but for the monitor: texts in, texts and numbers out, over io/job.
+// Problems and results of the C interface: texts in, texts and numbers out, over io/job.
 #include "kincal.h"
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <new>
 #include <stdexcept>
 
 #include "../../io/document/files.h"
 #include "../../io/document/json.h"
 #include "../../io/document/names.h"
-#include "../../io/job/check.h"
 #include "../../io/job/settings.h"
-#include "../../io/results/result_json.h"
+#include "../../io/results/csv.h"
 #include "../../models/rig/numbers.h"
 #include "handles.h"
 
@@ -94,6 +94,16 @@ std::string name_of(const kincal_text& text, const char* usual) {
   return text.name && *text.name ? text.name : usual;
 }
 
+std::vector<std::string> list_of(const kincal_names& names, const char* argument) {
+  std::vector<std::string> out;
+  if (names.count > 0) given(names.names, argument);
+  for (size_t i = 0; i < names.count; ++i) {
+    const std::string where = std::string(argument) + "[" + std::to_string(i) + "]";
+    out.emplace_back(&given(names.names[i], where.c_str()));
+  }
+  return out;
+}
+
 NamesByKind names_of(const Rig& rig, const ParameterTable& table) {
   NamesByKind out;
   out[KINCAL_JOINTS] = joint_names(rig);
@@ -108,8 +118,6 @@ const char* name_at(const NamesByKind& names, int32_t kind, size_t index) {
   const std::vector<std::string>& of = names[static_cast<size_t>(kind)];
   return index < of.size() ? of[index].c_str() : nullptr;
 }
-
-namespace {
 
 std::vector<char> with_end(const std::string& text) {
   return std::vector<char>(text.c_str(), text.c_str() + text.size() + 1);
@@ -126,6 +134,8 @@ Progress progress_of(const kincal_progress* progress) {
   });
 }
 
+namespace {
+
 std::shared_ptr<const KnownRig> read_known(const std::string& rig, const std::string& rig_path,
                                            const std::string& urdf, const std::string& urdf_path) {
   const Urdf robot = urdf.empty() ? Urdf() : parse_urdf(urdf, urdf_path);
@@ -134,15 +144,14 @@ std::shared_ptr<const KnownRig> read_known(const std::string& rig, const std::st
 
 std::unique_ptr<kincal_problem> make_problem(std::shared_ptr<const KnownRig> rig,
                                              const kincal_text* samples) {
-  const std::string text = text_of(samples, "samples");
-  SampleSet set = parse_sample_set(text, name_of(*samples, "samples.jsonl"), rig->file.rig);
+  SampleSet set{"", "", std::make_shared<const std::vector<Sample>>()};
+  if (samples)
+    set = parse_sample_set(text_of(samples, "samples"), name_of(*samples, "samples.jsonl"),
+                           rig->file.rig);
   NamesByKind names = names_of(rig->file.rig, rig->table);
+  for (const Sample& sample : *set.samples) names[KINCAL_SAMPLES].push_back(sample.id);
   return std::unique_ptr<kincal_problem>(
       new kincal_problem{std::move(rig), std::move(set), std::move(names)});
-}
-
-CalibrateSettings settings_of(const char* json, const std::vector<std::string>& names = {}) {
-  return parse_settings(json ? json : "{}", names);
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -209,6 +218,11 @@ std::unique_ptr<kincal_result> make_result(ResultFiles files) {
     planned =
         read_known(files.rig_rigid, "result/rig_rigid.yaml", files.robot_urdf, "result/robot.urdf");
   NamesByKind names = names_of(rig->file.rig, rig->table);
+  for_each_csv_row(files.samples_csv, [&](const std::vector<std::string>& row) {
+    names[KINCAL_SAMPLES].push_back(row[0]);
+  });
+  if (!names[KINCAL_SAMPLES].empty())  // its header
+    names[KINCAL_SAMPLES].erase(names[KINCAL_SAMPLES].begin());
   return std::unique_ptr<kincal_result>(
       new kincal_result{std::move(files), std::move(calibrated), std::move(rig), std::move(planned),
                         std::move(components), summary, std::move(names)});
@@ -219,6 +233,93 @@ std::vector<const char*> file_names(const ResultFiles& files) {
   std::vector<const char*> out;
   for (const auto& [name, text] : result_file_names())
     if (!(files.*text).empty() || text == &ResultFiles::report_html) out.push_back(name);
+  return out;
+}
+
+constexpr int kFixed = -1, kOpen = -2;  // instead of a row: of a component that has none
+
+/// The part of the covariance in these rows, row by row; NaN: not determined.
+std::vector<double> covariance_of(const Unknowns& unknowns, const std::vector<int>& rows) {
+  const MatrixXd& c = unknowns.covariance;
+  const Eigen::VectorXd open =
+      unknowns.undetermined.cols() > 0
+          ? Eigen::VectorXd(unknowns.undetermined.cwiseAbs().rowwise().sum())
+          : Eigen::VectorXd::Zero(c.rows());
+  const auto is_open = [&](int row) { return row == kOpen || (row >= 0 && open(row) > 0); };
+  std::vector<double> out;
+  out.reserve(rows.size() * rows.size());
+  for (const int i : rows)
+    for (const int j : rows)
+      out.push_back(is_open(i) || is_open(j) ? kNan : i == kFixed || j == kFixed ? 0 : c(i, j));
+  return out;
+}
+
+/// The rows of a component, or of all those of a parameter. @throws InputError
+std::vector<int> rows_of(const kincal_result& result, const std::string& name,
+                         const std::string& where) {
+  const ParameterTable& table = result.calibrated.table;
+  const std::vector<Component>& columns = result.calibrated.unknowns->columns;
+  std::vector<int> out;
+  std::vector<std::string> all;
+  for (size_t p = 0; p < table.all.size(); ++p)
+    for (int c = 0; c < table.all[p].size(); ++c) {
+      const Component component{static_cast<int>(p), c};
+      all.push_back(table.name(component));
+      if (table.all[p].name != name && all.back() != name) continue;
+      const auto column = std::find(columns.begin(), columns.end(), component);
+      const auto sigma = result.calibrated.sigma.find(table.all[p].name);
+      if (column != columns.end())
+        out.push_back(static_cast<int>(column - columns.begin()));
+      else if (sigma == result.calibrated.sigma.end())
+        throw InputError(where + ": '" + name + "' was not estimated");
+      else
+        out.push_back(sigma->second[static_cast<size_t>(c)] == 0 ? kFixed : kOpen);
+    }
+  if (out.empty())
+    throw InputError(where + ": there is no parameter '" + name + "'" + nearest_names(name, all));
+  return out;
+}
+
+/// What stands in residuals.csv. @throws InputError
+std::vector<kincal_residual> read_residuals(const kincal_result& result) {
+  constexpr size_t kFields = 16;
+  std::map<std::string, int64_t> samples;
+  for (const std::string& id : result.names[KINCAL_SAMPLES])
+    samples.emplace(id, static_cast<int64_t>(samples.size()));
+  const Rig& rig = result.rig->file.rig;
+  std::vector<kincal_residual> out;
+  size_t line = 0;
+  for_each_csv_row(result.files.residuals_csv, [&](const std::vector<std::string>& row) {
+    const std::string where = "result/residuals.csv:" + std::to_string(++line);
+    if (row.size() < kFields) throw InputError(where + ": 16 fields are expected");
+    if (line == 1) return;
+    const auto index = [&](const auto& of, const std::string& name) {
+      const auto found =
+          std::find_if(of.begin(), of.end(), [&](const auto& one) { return one.name == name; });
+      if (found == of.end())
+        throw InputError(where + ": '" + name + "' is not in the rig beside it");
+      return static_cast<int32_t>(found - of.begin());
+    };
+    const auto number = [&](size_t field, double otherwise) {
+      return row[field].empty() ? otherwise : csv_number(row[field], where);
+    };
+    const auto sample = samples.find(row[0]);
+    if (sample == samples.end())
+      throw InputError(where + ": sample '" + row[0] + "' is not in samples.csv");
+    kincal_residual one{};
+    one.sample = sample->second;
+    one.held_out = row[1] == "test";
+    one.sensor = index(rig.sensors, row[2]);
+    one.target = index(rig.targets, row[3]);
+    one.count = rig.sensors[static_cast<size_t>(one.sensor)].model->rows();
+    const double point = number(4, -1);
+    if (std::abs(point) > 1e9) throw InputError(where + ": id: there is no such point");
+    one.point = static_cast<int64_t>(point);
+    for (size_t i = 0; i < 6; ++i) one.value[i] = number(6 + i, 0);
+    for (size_t i = 0; i < 3; ++i) one.before[i] = number(12 + i, kNan);
+    one.whitened = number(15, kNan);
+    out.push_back(one);
+  });
   return out;
 }
 
@@ -254,7 +355,6 @@ kincal_status kincal_problem_new(const kincal_text* rig, const kincal_text* urdf
                                  kincal_error* error) {
   return guarded(error, [&] {
     given(problem, "problem");
-    given(samples, "samples");
     const std::string rig_text = text_of(rig, "rig"), robot = urdf ? text_of(urdf, "urdf") : "";
     const std::string robot_path = urdf ? name_of(*urdf, "robot.urdf") : "";
     if (urdf && robot.empty()) throw InputError(robot_path + ": is empty");
@@ -280,7 +380,8 @@ kincal_status kincal_calibrate(const kincal_problem* problem, const char* settin
   return guarded(error, [&] {
     given(result, "result");
     const kincal_problem& of = given(problem, "problem");
-    CalibrateSettings read = settings_of(settings);
+    if (of.samples.samples->empty()) throw InputError("samples: the problem has none");
+    CalibrateSettings read = parse_settings(settings ? settings : "{}");
     read.command = "kincal_calibrate(" + of.rig->file.path + ", " + of.samples.path + ", " +
                    (settings ? settings : "NULL") + ")";
     FinishedJob done = calibrate_job(of.rig->file, of.samples, read, progress_of(progress));
@@ -360,18 +461,39 @@ kincal_status kincal_result_covariance(const kincal_result* result, double* buff
                                        size_t* needed, kincal_error* error) {
   return guarded(error, [&] {
     const std::optional<Unknowns>& unknowns = given(result, "result").calibrated.unknowns;
-    std::vector<double> out;
-    if (unknowns) {
-      const MatrixXd& c = unknowns->covariance;
-      const Eigen::VectorXd open =
-          unknowns->undetermined.cols() > 0
-              ? Eigen::VectorXd(unknowns->undetermined.cwiseAbs().rowwise().sum())
-              : Eigen::VectorXd::Zero(c.rows());
-      for (Eigen::Index i = 0; i < c.rows(); ++i)
-        for (Eigen::Index j = 0; j < c.cols(); ++j)
-          out.push_back(open(i) > 0 || open(j) > 0 ? kNan : c(i, j));
-    }
-    to_buffer(out, buffer, count, needed);
+    std::vector<int> rows;
+    for (size_t i = 0; unknowns && i < unknowns->columns.size(); ++i)
+      rows.push_back(static_cast<int>(i));
+    to_buffer(unknowns ? covariance_of(*unknowns, rows) : std::vector<double>(), buffer, count,
+              needed);
+  });
+}
+
+kincal_status kincal_result_covariance_of(const kincal_result* result, const kincal_names* names,
+                                          double* buffer, size_t count, size_t* needed,
+                                          kincal_error* error) {
+  return guarded(error, [&] {
+    const kincal_result& of = given(result, "result");
+    const std::vector<std::string> wanted = list_of(given(names, "names"), "names");
+    if (!of.calibrated.unknowns)
+      throw InputError("names: the result has no covariance (covariance.csv)");
+    std::vector<int> rows;
+    for (size_t i = 0; i < wanted.size(); ++i)
+      for (const int row : rows_of(of, wanted[i], "names[" + std::to_string(i) + "]"))
+        rows.push_back(row);
+    to_buffer(covariance_of(*of.calibrated.unknowns, rows), buffer, count, needed);
+  });
+}
+
+kincal_status kincal_result_residuals(const kincal_result* result, kincal_residual* buffer,
+                                      size_t residual_size, size_t count, size_t* needed,
+                                      kincal_error* error) {
+  return guarded(error, [&] {
+    const kincal_result& of = given(result, "result");
+    for (const auto& [text, name] : {std::pair(&of.files.residuals_csv, "residuals.csv"),
+                                     std::pair(&of.files.samples_csv, "samples.csv")})
+      if (text->empty()) throw InputError(std::string("residuals: the result has no ") + name);
+    residuals_to_buffer(read_residuals(of), buffer, residual_size, count, needed);
   });
 }
 
@@ -424,45 +546,7 @@ kincal_status kincal_result_problem(const kincal_result* result, const kincal_te
                                     kincal_problem** problem, kincal_error* error) {
   return guarded(error, [&] {
     given(problem, "problem");
+    given(samples, "samples");
     *problem = make_problem(given(result, "result").rig, samples).release();
   });
-}
-
-kincal_status kincal_evaluate(const kincal_problem* problem, const char* settings,
-                              const kincal_progress* progress, kincal_answer** answer,
-                              kincal_error* error) {
-  return guarded(error, [&] {
-    given(answer, "answer");
-    const kincal_problem& of = given(problem, "problem");
-    RigFile file = of.rig->file;
-    const EvaluatedJob job = evaluate_samples(
-        file, of.samples, settings_of(settings, {"noise", "free"}), progress_of(progress));
-    std::string json = json_text(evaluation_json(job.evaluation, job.warnings));
-    *answer = new kincal_answer{std::move(json)};
-  });
-}
-
-kincal_status kincal_check(const kincal_problem* problem, const char* settings,
-                           const kincal_progress* progress, kincal_answer** answer,
-                           kincal_error* error) {
-  return guarded(error, [&] {
-    given(answer, "answer");
-    const kincal_problem& of = given(problem, "problem");
-    const CalibrateSettings read = settings_of(settings, {"noise", "threads"});
-    DoctorOptions options;
-    options.noise = kNoiseModes.at(read.noise);
-    options.threads = read.threads;
-    options.progress = progress_of(progress);
-    const CheckedJob job = check_samples(of.rig->file, of.samples, options, read.words);
-    std::string json = json_text(check_json(job));
-    *answer = new kincal_answer{std::move(json)};
-  });
-}
-
-void kincal_answer_free(kincal_answer* answer) { delete answer; }
-
-kincal_status kincal_answer_json(const kincal_answer* answer, char* buffer, size_t size,
-                                 size_t* needed, kincal_error* error) {
-  return guarded(error,
-                 [&] { to_buffer(with_end(given(answer, "answer").json), buffer, size, needed); });
 }

@@ -75,6 +75,11 @@ typedef struct kincal_text {
   size_t size;
   const char* name;
 } kincal_text;
+/* A list of names. */
+typedef struct kincal_names {
+  const char* const* names;
+  size_t count;
+} kincal_names;
 
 /* The version of the library, "0.1.0". [any] */
 KINCAL_API const char* kincal_version(void);
@@ -83,9 +88,8 @@ KINCAL_API const char* kincal_version(void);
  * A problem is a rig, its robot, and samples, read and checked. */
 typedef struct kincal_problem kincal_problem;
 
-/* Reads a rig.yaml, a URDF (NULL: the rig's robot reports only flange poses) and a samples.jsonl.
- * [any]
- */
+/* Reads a rig.yaml, a URDF (NULL: the rig's robot reports only flange poses) and a samples.jsonl
+ * (NULL: there are none; the problem is then for planning only). [any] */
 KINCAL_API kincal_status kincal_problem_new(const kincal_text* rig, const kincal_text* urdf,
                                             const kincal_text* samples, kincal_problem** problem,
                                             kincal_error* error);
@@ -100,7 +104,8 @@ enum {
   KINCAL_SENSORS = 1, /* of the rig, in its order: indices in views */
   KINCAL_TARGETS = 2,
   KINCAL_FRAMES = 3, /* links, sensor/NAME, target/NAME */
-  KINCAL_GROUPS = 4  /* groups that move together; of monitors only */
+  KINCAL_GROUPS = 4, /* groups that move together; of monitors only */
+  KINCAL_SAMPLES = 5 /* ids, of problems and results: indices in residuals */
 };
 /* The name of a kind and index; NULL beyond the last one, and of other kinds. [shared] */
 KINCAL_API const char* kincal_problem_name(const kincal_problem* problem, int32_t kind,
@@ -183,6 +188,32 @@ KINCAL_API kincal_status kincal_result_component(const kincal_result* result, si
 KINCAL_API kincal_status kincal_result_covariance(const kincal_result* result, double* buffer,
                                                   size_t count, size_t* needed,
                                                   kincal_error* error);
+/* The same of named components only, in this order: n x n values, row by row. A parameter stands
+ * for all of its components. 0: fixed. KINCAL_INPUT if a name is unknown or was not estimated, or
+ * the result has no covariance. [shared] */
+KINCAL_API kincal_status kincal_result_covariance_of(const kincal_result* result,
+                                                     const kincal_names* names, double* buffer,
+                                                     size_t count, size_t* needed,
+                                                     kincal_error* error);
+
+/* What is left of the measurement of a point, or of a pose. */
+typedef struct kincal_residual {
+  size_t size;
+  int64_t sample;         /* of KINCAL_SAMPLES */
+  int32_t sensor, target; /* of KINCAL_SENSORS and KINCAL_TARGETS */
+  int64_t point;          /* of the target; -1: a pose */
+  int32_t held_out;       /* 1: not used by the calibration */
+  int32_t count;          /* of `value`; as many of `before`, at most 3 */
+  double value[6];        /* px, m or rad as in residuals.csv; those beyond `count` are 0 */
+  double before[3];       /* with the rig's values; NaN: unknown */
+  double whitened;        /* length over the noise, sigmas */
+} kincal_residual;
+/* All residuals, in the order of residuals.csv. `count` structs of `residual_size` bytes, which is
+ * sizeof(kincal_residual), have room in the buffer; `needed` receives their number. KINCAL_INPUT if
+ * the result has no residuals.csv or samples.csv (no_report). [shared] */
+KINCAL_API kincal_status kincal_result_residuals(const kincal_result* result,
+                                                 kincal_residual* buffer, size_t residual_size,
+                                                 size_t count, size_t* needed, kincal_error* error);
 
 /* As kincal_problem_name(). [shared] */
 KINCAL_API const char* kincal_result_name(const kincal_result* result, int32_t kind, size_t index);
@@ -216,8 +247,8 @@ KINCAL_API kincal_status kincal_result_problem(const kincal_result* result,
                                                const kincal_text* samples, kincal_problem** problem,
                                                kincal_error* error);
 
-/* ---------------------------------------------------------------------------- evaluation
- * An answer is a result without a calibration, as JSON. */
+/* ---------------------------------------------------------------------------- evaluation, plans
+ * An answer is a result without a calibration, as JSON, for some with other texts. */
 typedef struct kincal_answer kincal_answer;
 
 /* Residuals at the rig's own values, as `kincal evaluate --json`. Options: noise, free. [shared] */
@@ -228,11 +259,40 @@ KINCAL_API kincal_status kincal_evaluate(const kincal_problem* problem, const ch
 KINCAL_API kincal_status kincal_check(const kincal_problem* problem, const char* settings,
                                       const kincal_progress* progress, kincal_answer** answer,
                                       kincal_error* error);
+/* Plans the next postures, as `kincal plan --json`. Options: next, candidates, seed, goal, postures
+ * (the text of such a file), clearance (m; null: links are not checked). The samples of the problem
+ * count as recorded. Text: postures.jsonl. [shared] */
+KINCAL_API kincal_status kincal_plan(const kincal_problem* problem, const char* settings,
+                                     const kincal_progress* progress, kincal_answer** answer,
+                                     kincal_error* error);
+/* Plans the test poses of ISO 9283, as `kincal plan --verify --json`. Options: sensor, cycles,
+ * approaches, region (6 numbers), candidates, seed, clearance. Text: postures.jsonl. [shared] */
+KINCAL_API kincal_status kincal_plan_verification(const kincal_problem* problem,
+                                                  const char* settings,
+                                                  const kincal_progress* progress,
+                                                  kincal_answer** answer, kincal_error* error);
+/* Verifies a calibration by samples that it has not seen, as `kincal verify`; the JSON is that of
+ * certificate.json. Options: tolerance, standard, sensor, refit_base, instrument, environment,
+ * serial, measured. Needs the result's samples.csv to recognise samples that were used. Text:
+ * certificate.html. [shared] */
+KINCAL_API kincal_status kincal_verify(const kincal_result* result, const kincal_text* samples,
+                                       const char* settings, kincal_answer** answer,
+                                       kincal_error* error);
 /* [one] */
 KINCAL_API void kincal_answer_free(kincal_answer* answer);
 /* Its JSON; buffers as of kincal_result_file(). [shared] */
 KINCAL_API kincal_status kincal_answer_json(const kincal_answer* answer, char* buffer, size_t size,
                                             size_t* needed, kincal_error* error);
+
+/* Another text of the answer, by its name; buffers as of kincal_result_file(). [shared] */
+KINCAL_API kincal_status kincal_answer_file(const kincal_answer* answer, const char* name,
+                                            char* buffer, size_t size, size_t* needed,
+                                            kincal_error* error);
+/* The residuals of kincal_evaluate(), as kincal_result_residuals(); KINCAL_INPUT of other answers.
+ * [shared] */
+KINCAL_API kincal_status kincal_answer_residuals(const kincal_answer* answer,
+                                                 kincal_residual* buffer, size_t residual_size,
+                                                 size_t count, size_t* needed, kincal_error* error);
 
 /* ---------------------------------------------------------------------------- monitor
  * A monitor receives the samples of a calibrated robot one at a time and reports how well each
@@ -286,6 +346,10 @@ typedef struct kincal_innovation {
   char why[256];
 } kincal_innovation;
 
+/* How many bytes a monitor of this result takes before its first sample, at most 5 % above: known
+ * before one is made. [shared] */
+KINCAL_API kincal_status kincal_monitor_memory(const kincal_result* result, size_t* bytes,
+                                               kincal_error* error);
 /* Starts from a result with a covariance. `options` may be NULL: 10000 samples. [shared] */
 KINCAL_API kincal_status kincal_monitor_new(const kincal_result* result,
                                             const kincal_monitor_options* options,
@@ -296,8 +360,13 @@ KINCAL_API void kincal_monitor_free(kincal_monitor* monitor);
 KINCAL_API const char* kincal_monitor_name(const kincal_monitor* monitor, int32_t kind,
                                            size_t index);
 
-/* Adds a sample. Robots with floating joints, and sigmas of single readings, need
- * kincal_monitor_add_json(). [one] */
+/* Makes what samples of this form need (the same views of the same points), so that already the
+ * first of them allocates nothing. This sample does not count. [one] */
+KINCAL_API kincal_status kincal_monitor_prepare(kincal_monitor* monitor, const kincal_sample* like,
+                                                kincal_error* error);
+/* Adds a sample. Of a form that was there or prepared, most samples allocate nothing
+ * (docs/on-a-robot.md#what-it-costs). Robots with floating joints, and sigmas of single readings,
+ * need kincal_monitor_add_json(). [one] */
 KINCAL_API kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* sample,
                                             kincal_innovation* innovation, kincal_error* error);
 /* The same for one line of a samples.jsonl. [one] */
@@ -367,6 +436,43 @@ typedef struct kincal_counts {
 /* [one] */
 KINCAL_API kincal_status kincal_monitor_counts(const kincal_monitor* monitor, kincal_counts* counts,
                                                kincal_error* error);
+
+/* A window of samples, as structs or as lines of a samples.jsonl (the other is NULL), and the
+ * groups that may have moved. */
+typedef struct kincal_window {
+  size_t size;
+  const kincal_sample* samples;
+  size_t sample_size; /* sizeof(kincal_sample) */
+  size_t samples_count;
+  const kincal_text* lines;
+  kincal_names groups; /* of KINCAL_GROUPS */
+  int32_t iterations;  /* 0: 5 */
+  int32_t reserved;
+} kincal_window;
+typedef struct kincal_recalibration {
+  size_t size;
+  size_t samples;    /* that fit; the others were not used */
+  size_t components; /* for kincal_monitor_recalibrated() */
+} kincal_recalibration;
+typedef struct kincal_recalibrated {
+  size_t size;
+  double value; /* a pose: the increment from the calibrated pose */
+  double change, sigma;
+  int32_t determined; /* 0: it may have moved, and the window does not determine it */
+  int32_t reserved;
+  char name[256];
+  char unit[16];
+} kincal_recalibrated;
+/* Calibrates again from a window of samples, with the last calibration as prior for all but the
+ * groups, in some milliseconds a sample. What the monitor has learned does not change. [one] */
+KINCAL_API kincal_status kincal_monitor_recalibrate(kincal_monitor* monitor,
+                                                    const kincal_window* window,
+                                                    kincal_recalibration* recalibration,
+                                                    kincal_error* error);
+/* A component of the last recalibration, by index. [one] */
+KINCAL_API kincal_status kincal_monitor_recalibrated(const kincal_monitor* monitor, size_t index,
+                                                     kincal_recalibrated* recalibrated,
+                                                     kincal_error* error);
 
 /* Its state as bytes; buffers as of kincal_result_file(). [one] */
 KINCAL_API kincal_status kincal_monitor_save(const kincal_monitor* monitor, char* buffer,

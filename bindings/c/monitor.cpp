@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "../../io/document/names.h"
 #include "../../io/rig/samples_file.h"
 #include "../../models/monitor/monitor.h"
 #include "../../models/monitor/static_view.h"
@@ -17,6 +18,11 @@ struct kincal_monitor {
   NamesByKind names;
   Innovation last = {};
   std::vector<Moved> moved = {};
+  std::vector<kincal_recalibrated> recalibrated = {};
+  // Samples as they come, in the same memory.
+  Sample sample = {};
+  std::vector<View> spare = {};  // of samples with more views
+  std::vector<char> seen = {};   // by point of a target
 };
 
 namespace kincal {
@@ -32,8 +38,20 @@ std::vector<T> array_of(const T* from, size_t count, const std::string& where) {
   return std::vector<T>(from, from + count);
 }
 
-/// What a reader of samples.jsonl checks, and Monitor::add() does not.
-void check_view(const Rig& rig, const View& view, const std::string& where) {
+/// The same into `to`.
+template <class T, class To>
+void copy_array(const T* from, size_t count, const std::string& where, std::vector<To>& to) {
+  to.clear();
+  if (count == 0) return;
+  if (count > static_cast<size_t>(std::numeric_limits<int>::max()))
+    throw Refusal{KINCAL_USAGE, where + ": " + std::to_string(count) + " are too many"};
+  given(from, where.c_str());
+  to.assign(from, from + count);
+}
+
+/// What a reader of samples.jsonl checks, and Monitor::add() does not. `seen` is scratch.
+void check_view(const Rig& rig, const View& view, const std::string& where,
+                std::vector<char>& seen) {
   const Sensor& sensor = rig.sensors[view.sensor];
   const Target& target = rig.targets[view.target];
   const bool plane = target.type == "plane";
@@ -51,7 +69,7 @@ void check_view(const Rig& rig, const View& view, const std::string& where) {
     return;
   }
   if (view.ids.empty()) throw InputError(where + "ids: at least one point is expected");
-  std::vector<char> seen(static_cast<size_t>(target.count()), 0);
+  seen.assign(static_cast<size_t>(target.count()), 0);
   for (const int id : view.ids) {
     if (id < 0 || id >= target.count())
       throw InputError(where + "ids: '" + target.name + "' has no point " + std::to_string(id));
@@ -61,51 +79,123 @@ void check_view(const Rig& rig, const View& view, const std::string& where) {
   }
 }
 
-View view_of(const kincal_view& from, const Rig& rig, const std::string& where) {
+void read_view(const kincal_view& from, const Rig& rig, const std::string& where, View& out,
+               std::vector<char>& seen) {
   const auto index = [&](int32_t at, size_t count, const char* what) {
     if (at < 0 || static_cast<size_t>(at) >= count)
       throw InputError(where + what + ": the rig has no " + what + " " + std::to_string(at));
     return static_cast<int>(at);
   };
-  View out;
   out.sensor = index(from.sensor, rig.sensors.size(), "sensor");
   out.target = index(from.target, rig.targets.size(), "target");
-  const std::vector<int32_t> ids = array_of(from.ids, from.ids_count, where + "ids");
-  out.ids = std::vector<int>(ids.begin(), ids.end());
-  out.z = array_of(from.z, from.z_count, where + "z");
-  out.sigma = from.sigma ? array_of(from.sigma, from.sigma_count, where + "sigma")
-                         : rig.sensors[out.sensor].sigma;
-  check_view(rig, out, where);
+  copy_array(from.ids, from.ids_count, where + "ids", out.ids.own());
+  copy_array(from.z, from.z_count, where + "z", out.z);
+  if (from.sigma)
+    copy_array(from.sigma, from.sigma_count, where + "sigma", out.sigma.own());
+  else if (out.sigma != rig.sensors[out.sensor].sigma)
+    out.sigma = rig.sensors[out.sensor].sigma;
+  check_view(rig, out, where, seen);
   if (out.z.size() == 7 && rig.sensors[out.sensor].model->measures_pose())
     Eigen::Map<Eigen::Vector4d>(out.z.data() + 3).normalize();
-  return out;
 }
 
-Sample sample_of(const kincal_sample& from, const Rig& rig,
-                 const std::vector<std::string>& joints) {
+/// Reads a sample into `monitor.sample`. `where` begins the places in messages.
+/// @throws Refusal, InputError
+void read_sample(const kincal_sample& from, kincal_monitor& monitor,
+                 const std::string& where = "") {
+  const Rig& rig = monitor.monitor.rig();
+  const std::vector<std::string>& joints = monitor.names[KINCAL_JOINTS];
   if (from.view_size < sizeof(kincal_view))
-    throw Refusal{KINCAL_USAGE, "view_size: " + std::to_string(from.view_size) +
+    throw Refusal{KINCAL_USAGE, where + "view_size: " + std::to_string(from.view_size) +
                                     " is not the size of a view (" +
                                     std::to_string(sizeof(kincal_view)) + ")"};
-  Sample out;
+  Sample& out = monitor.sample;
   out.id = from.id ? from.id : "";
   if (from.readings_count != joints.size())
-    throw InputError("readings: " + std::to_string(joints.size()) +
+    throw InputError(where + "readings: " + std::to_string(joints.size()) +
                      " are expected, one a joint, not " + std::to_string(from.readings_count));
-  const std::vector<double> readings = array_of(from.readings, joints.size(), "readings");
+  if (!joints.empty()) given(from.readings, (where + "readings").c_str());
   out.readings.assign(rig.tree.joints.size(), kNan);
-  for (size_t i = 0; i < readings.size(); ++i) {
-    if (std::isinf(readings[i]))
-      throw InputError("readings[" + std::to_string(i) + "]: that of '" + joints[i] +
+  for (size_t i = 0; i < joints.size(); ++i) {
+    if (std::isinf(from.readings[i]))
+      throw InputError(where + "readings[" + std::to_string(i) + "]: that of '" + joints[i] +
                        "' is infinite");
-    out.readings[static_cast<size_t>(rig.tree.find_joint(joints[i]))] = readings[i];
+    out.readings[static_cast<size_t>(rig.tree.find_joint(joints[i]))] = from.readings[i];
   }
-  if (from.views_count > 0) given(from.views, "views");
+  if (from.views_count > 0) given(from.views, (where + "views").c_str());
+  while (out.views.size() > from.views_count) {
+    monitor.spare.push_back(std::move(out.views.back()));
+    out.views.pop_back();
+  }
   const char* const first = reinterpret_cast<const char*>(from.views);
   for (size_t v = 0; v < from.views_count; ++v) {
     kincal_view view;
     std::memcpy(&view, first + v * from.view_size, sizeof view);
-    out.views.push_back(view_of(view, rig, "views[" + std::to_string(v) + "]."));
+    if (v == out.views.size()) {
+      if (monitor.spare.empty()) monitor.spare.emplace_back();
+      out.views.push_back(std::move(monitor.spare.back()));
+      monitor.spare.pop_back();
+    }
+    read_view(view, rig, where + "views[" + std::to_string(v) + "].", out.views[v], monitor.seen);
+  }
+}
+
+/// The samples of a window. @throws Refusal, InputError
+std::vector<Sample> samples_of(const kincal_window& window, kincal_monitor& monitor) {
+  const Rig& rig = monitor.monitor.rig();
+  if (window.lines) {
+    if (window.samples)
+      throw Refusal{KINCAL_USAGE, "samples: there are lines, too; one of both is expected"};
+    return parse_samples(text_of(window.lines, "lines"), name_of(*window.lines, "lines"), rig);
+  }
+  if (window.samples_count == 0) return {};
+  if (window.sample_size < sizeof(kincal_sample))
+    throw Refusal{KINCAL_USAGE, "sample_size: " + std::to_string(window.sample_size) +
+                                    " is not the size of a sample (" +
+                                    std::to_string(sizeof(kincal_sample)) + ")"};
+  const char* const first = reinterpret_cast<const char*>(&given(window.samples, "samples"));
+  std::vector<Sample> out;
+  for (size_t i = 0; i < window.samples_count; ++i) {
+    const std::string where = "samples[" + std::to_string(i) + "]";
+    kincal_sample one;
+    std::memcpy(&one, first + i * window.sample_size, sizeof one);
+    read_sample(sized(&one, where.c_str()), monitor, where + ".");
+    out.push_back(monitor.sample);
+    for (View& view : out.back().views) view.ids.own();
+  }
+  return out;
+}
+
+/// The groups of these names. @throws Refusal, InputError
+std::vector<int> groups_of(const kincal_names& names, const std::vector<std::string>& all) {
+  std::vector<int> out;
+  const std::vector<std::string> wanted = list_of(names, "groups");
+  for (size_t i = 0; i < wanted.size(); ++i) {
+    const auto found = std::find(all.begin(), all.end(), wanted[i]);
+    if (found == all.end())
+      throw InputError("groups[" + std::to_string(i) + "]: there is no group '" + wanted[i] + "'" +
+                       nearest_or_all(wanted[i], all, "there are"));
+    out.push_back(static_cast<int>(found - all.begin()));
+  }
+  if (out.empty()) throw InputError("groups: at least one is expected");
+  return out;
+}
+
+std::vector<kincal_recalibrated> components_of(const Recalibration& done, const Monitor& monitor) {
+  std::vector<kincal_recalibrated> out;
+  const ParameterTable& table = monitor.table();
+  for (size_t i = 0; i < monitor.columns().size(); ++i) {
+    const Component& component = monitor.columns()[i];
+    const Parameter& parameter = table.all[static_cast<size_t>(component.parameter)];
+    const auto k = static_cast<Eigen::Index>(i);
+    kincal_recalibrated one{};
+    one.change = done.change(k);
+    one.value = parameter.pose ? one.change : done.state.values(parameter.start + component.index);
+    one.sigma = std::sqrt(std::max(0.0, done.state.covariance(k, k)));
+    one.determined = done.undetermined[i] == 0;
+    copy_text(one.name, sizeof one.name, table.name(component));
+    copy_text(one.unit, sizeof one.unit, table.unit(component));
+    out.push_back(one);
   }
   return out;
 }
@@ -125,7 +215,7 @@ int32_t state_number(SampleState state) {
 }
 
 void show(kincal_monitor& monitor, const Sample& sample, kincal_innovation* innovation) {
-  monitor.last = monitor.monitor.add(sample);
+  monitor.monitor.add(sample, monitor.last);
   monitor.moved.clear();
   const Innovation& last = monitor.last;
   kincal_innovation out{};
@@ -143,6 +233,14 @@ void show(kincal_monitor& monitor, const Sample& sample, kincal_innovation* inno
 
 }  // namespace
 }  // namespace kincal
+
+kincal_status kincal_monitor_memory(const kincal_result* result, size_t* bytes,
+                                    kincal_error* error) {
+  return guarded(error, [&] {
+    given(bytes, "bytes");
+    *bytes = monitor_memory(state_of(given(result, "result").calibrated));
+  });
+}
 
 kincal_status kincal_monitor_new(const kincal_result* result, const kincal_monitor_options* options,
                                  kincal_monitor** monitor, kincal_error* error) {
@@ -171,8 +269,17 @@ kincal_status kincal_monitor_add(kincal_monitor* monitor, const kincal_sample* s
   return guarded(error, [&] {
     kincal_monitor& of = given(monitor, "monitor");
     sized(innovation, "innovation");
-    show(of, sample_of(sized(sample, "sample"), of.monitor.rig(), of.names[KINCAL_JOINTS]),
-         innovation);
+    read_sample(sized(sample, "sample"), of);
+    show(of, of.sample, innovation);
+  });
+}
+
+kincal_status kincal_monitor_prepare(kincal_monitor* monitor, const kincal_sample* like,
+                                     kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    read_sample(sized(like, "like"), of);
+    of.monitor.prepare(of.sample);
   });
 }
 
@@ -242,6 +349,35 @@ kincal_status kincal_monitor_restart(kincal_monitor* monitor, int32_t accept, ki
     kincal_monitor& of = given(monitor, "monitor");
     of.monitor.restart(accept != 0);
     of.moved.clear();
+  });
+}
+
+kincal_status kincal_monitor_recalibrate(kincal_monitor* monitor, const kincal_window* window,
+                                         kincal_recalibration* recalibration, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_monitor& of = given(monitor, "monitor");
+    const kincal_window& wish = sized(window, "window");
+    sized(recalibration, "recalibration");
+    const std::vector<int> groups = groups_of(wish.groups, of.names[KINCAL_GROUPS]);
+    constexpr int kMost = 1000, kUsual = 5;
+    if (wish.iterations < 0 || wish.iterations > kMost)
+      throw InputError("iterations: " + std::to_string(wish.iterations) + " is not in 0 .. " +
+                       std::to_string(kMost));
+    const std::vector<Sample> samples = samples_of(wish, of);
+    if (samples.empty()) throw InputError("samples: at least one is expected");
+    const Recalibration done =
+        of.monitor.recalibrated(samples, groups, wish.iterations > 0 ? wish.iterations : kUsual);
+    of.recalibrated = components_of(done, of.monitor);
+    write_struct(recalibration, kincal_recalibration{0, static_cast<size_t>(done.samples),
+                                                     of.recalibrated.size()});
+  });
+}
+
+kincal_status kincal_monitor_recalibrated(const kincal_monitor* monitor, size_t index,
+                                          kincal_recalibrated* recalibrated, kincal_error* error) {
+  return guarded(error, [&] {
+    sized(recalibrated, "recalibrated");
+    write_struct(recalibrated, element(given(monitor, "monitor").recalibrated, index, "index"));
   });
 }
 

@@ -15,11 +15,16 @@ namespace kincal {
 
 namespace {
 
-Matrix3d nearest_rotation(const Matrix3d& m) {
-  const SingularValues svd = singular_values(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Matrix3d u = svd.u, v = svd.v;
+Matrix3d nearest_rotation(const Matrix3d& m, RepeatedSvd& svd) {
+  svd.compute(m, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Matrix3d u = svd.u(), v = svd.v();
   const double sign = (u * v.transpose()).determinant() < 0 ? -1 : 1;
   return u * Vector3d(1, 1, sign).asDiagonal() * v.transpose();
+}
+
+Matrix3d nearest_rotation(const Matrix3d& m) {
+  RepeatedSvd svd;
+  return nearest_rotation(m, svd);
 }
 
 /// How far points spread along their principal axes, the largest first.
@@ -32,13 +37,17 @@ struct Spread3d {
   bool nearly_flat() const { return !flat() && lengths(2) < 0.1 * lengths(1); }
 };
 
-Spread3d spread_of(const Matrix3Xd& centred) {
-  const SingularValues svd = singular_values(centred, Eigen::ComputeFullU);
+Spread3d spread_of(const Matrix3Xd& centred, RepeatedSvd& svd) {
+  svd.compute(centred, Eigen::ComputeFullU);
   Spread3d out;
-  out.lengths.head(svd.values.size()) = svd.values;
-  out.axes = svd.u;
+  out.lengths.head(svd.values().size()) = svd.values();
+  out.axes = svd.u();
   if (out.axes.determinant() < 0) out.axes.col(2) *= -1;
   return out;
+}
+Spread3d spread_of(const Matrix3Xd& centred) {
+  RepeatedSvd svd;
+  return spread_of(centred, svd);
 }
 
 /// Those of poses_at_rays() from one place that have all points before it.
@@ -137,14 +146,31 @@ Matrix3Xd select_columns(const Matrix3Xd& points, const std::vector<int>& ids) {
   return out;
 }
 
-Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
+struct RepeatedPoses::Parts {
+  RepeatedSvd spread, rotation;
+  Matrix3Xd centred,
+      q;  // points about their mean, as they are and along their axes over their size
+  Matrix3Xd other;
+  MatrixXd a, whole;
+  Eigen::RowVectorXd depths;
+  std::vector<Pose> out;
+};
+RepeatedPoses::RepeatedPoses() : parts_(new Parts) {}
+RepeatedPoses::RepeatedPoses(RepeatedPoses&&) noexcept = default;
+RepeatedPoses::~RepeatedPoses() = default;
+
+Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) { return RepeatedPoses().fit(a, b); }
+
+Pose RepeatedPoses::fit(const Matrix3Xd& a, const Eigen::Ref<const Matrix3Xd>& b) {
   Pose out;
   if (a.cols() == 0) return out;
   const Vector3d ca = a.rowwise().mean(), cb = b.rowwise().mean();
   if (a.cols() >= 2) {
-    const Matrix3Xd da = a.colwise() - ca, db = b.colwise() - cb;
+    Matrix3Xd &da = parts_->centred, &db = parts_->other;
+    da = a.colwise() - ca;
+    db = b.colwise() - cb;
     if (a.cols() >= 3)
-      out.rotation = nearest_rotation(db * da.transpose());
+      out.rotation = nearest_rotation(db * da.transpose(), parts_->rotation);
     else if (da.col(0).norm() > 0 && db.col(0).norm() > 0)
       out.rotation = rotation_between(da.col(0), db.col(0));
   }
@@ -153,71 +179,34 @@ Pose fit_points(const Matrix3Xd& a, const Matrix3Xd& b) {
 }
 
 std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
+  return RepeatedPoses().perspective(c, xy1);
+}
+
+const std::vector<Pose>& RepeatedPoses::perspective(const Matrix3Xd& c, const Matrix3Xd& xy1) {
   const Eigen::Index n = c.cols();
-  std::vector<Pose> out;
+  std::vector<Pose>& out = parts_->out;
+  out.clear();
   if (n == 0) return out;
   const Vector3d mean = c.rowwise().mean(), sight = xy1.rowwise().mean();
-  const Matrix3Xd centred = c.colwise() - mean;
-  const Spread3d spread = spread_of(centred);
-  const Matrix3d& axes = spread.axes;
+  Matrix3Xd& centred = parts_->centred;
+  centred = c.colwise() - mean;
+  const Spread3d spread = spread_of(centred, parts_->spread);
   const double size = std::max(centred.colwise().norm().maxCoeff(), 1e-6);
-  const bool flat = spread.flat(), sideways = (xy1.row(2).array() != 1).any();
+  const bool sideways = (xy1.row(2).array() != 1).any();
   // (Of few points other poses than the nearest to a linear solution may be the right one.)
   const bool on_line = spread.lengths(1) <= 1e-6 * spread.lengths(0),
              by_distances =
                  spread.nearly_flat() || (n >= 4 && sideways) || (n >= 3 && n < 6 && !on_line);
-  if (by_distances) {
+  if (by_distances)
     out = poses_in_front(c, xy1);
-  } else if (n >= 6 && !on_line) {
-    const Matrix3Xd q = axes.transpose() * centred / size;
-    const double scale =
-        std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
-    const int k = flat ? 3 : 4;  // columns of the projective matrix: x, y, (z,) 1
-    // Rows (h, 0, -u h) and (0, h, -v h) of its entries, as A'A.
-    MatrixXd a = MatrixXd::Zero(3 * k, 3 * k);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      Eigen::Vector4d h;
-      h << q.col(i).head<2>(), flat ? 1 : q(2, i), 1;
-      const Eigen::Matrix4d hh = h * h.transpose();
-      const Vector3d s = (xy1.col(i) - sight) / scale;
-      const auto corner = hh.topLeftCorner(k, k);
-      a.topLeftCorner(k, k) += corner;
-      a.topRightCorner(k, k) -= s.x() * corner;
-      a.block(k, 2 * k, k, k) -= s.y() * corner;
-      a.bottomRightCorner(k, k) += s.head<2>().squaredNorm() * corner;
-    }
-    a.block(k, k, k, k) = a.topLeftCorner(k, k);
-    const SymmetricEigen solution = symmetric_eigen(a.selfadjointView<Eigen::Upper>());
-    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor> m =
-        Eigen::Map<const Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>>(
-            VectorXd(solution.vectors.col(0)).data(), 3, k);
-    m.topRows<2>() = (scale * m.topRows<2>() + sight.head<2>() * m.row(2)).eval();
-    const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
-    m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
-    Matrix3d r;
-    r.leftCols<2>() = m.leftCols<2>();
-    if (flat)
-      r.col(2) = Vector3d(m.col(0)).cross(Vector3d(m.col(1)));
-    else
-      r.col(2) = m.col(2);
-    r = nearest_rotation(r);
-    const Vector3d t = m.col(k - 1) * size, line = t.normalized();
-    std::vector<Matrix3d> rotations = {r};
-    // A plane's mirror image across the line of sight looks almost the same from afar.
-    if (flat)
-      rotations.push_back((2 * line * line.transpose() - Matrix3d::Identity()) * r *
-                          Vector3d(-1, -1, 1).asDiagonal());
-    for (const Matrix3d& rotation : rotations) {
-      Pose pose;
-      pose.rotation = rotation * axes.transpose();
-      pose.translation = t - pose.rotation * mean;
-      out.push_back(pose);
-    }
-  }
+  else if (n >= 6 && !on_line)
+    add_linear(xy1, {mean, spread.axes, size, spread.flat()});
+  const auto is_in_front = [&](const Pose& p) {
+    parts_->depths.noalias() = p.rotation.row(2) * c;
+    return (parts_->depths.array() + p.translation.z()).minCoeff() > 0;
+  };
   const bool in_front =
-      (by_distances && !out.empty()) || std::any_of(out.begin(), out.end(), [&](const Pose& p) {
-        return ((p.rotation.row(2) * c).array() + p.translation.z()).minCoeff() > 0;
-      });
+      (by_distances && !out.empty()) || std::any_of(out.begin(), out.end(), is_in_front);
   if (!in_front)  // too few points, or all but degenerate ones
     for (double sign : {1.0, -1.0}) {
       Pose pose;
@@ -226,6 +215,64 @@ std::vector<Pose> perspective_poses(const Matrix3Xd& c, const Matrix3Xd& xy1) {
       out.push_back(pose);
     }
   return out;
+}
+
+/// Adds the poses by DLT, of the points in `centred`.
+void RepeatedPoses::add_linear(const Matrix3Xd& xy1, const Placed& points) {
+  const Eigen::Index n = xy1.cols();
+  const Vector3d sight = xy1.rowwise().mean();
+  const bool flat = points.flat;
+  Matrix3Xd& q = parts_->q;
+  q.noalias() = points.axes.transpose() * parts_->centred;
+  q /= points.size;
+  const double scale =
+      std::max((xy1.colwise() - sight).norm() / std::sqrt(static_cast<double>(n)), 1e-12);
+  const int k = flat ? 3 : 4;  // columns of the projective matrix: x, y, (z,) 1
+  // Rows (h, 0, -u h) and (0, h, -v h) of its entries, as A'A.
+  MatrixXd& a = parts_->a;
+  a.setZero(3 * k, 3 * k);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    Eigen::Vector4d h;
+    h << q.col(i).head<2>(), flat ? 1 : q(2, i), 1;
+    const Eigen::Matrix4d hh = h * h.transpose();
+    const Vector3d s = (xy1.col(i) - sight) / scale;
+    const auto corner = hh.topLeftCorner(k, k);
+    a.topLeftCorner(k, k) += corner;
+    a.topRightCorner(k, k) -= s.x() * corner;
+    a.block(k, 2 * k, k, k) -= s.y() * corner;
+    a.bottomRightCorner(k, k) += s.head<2>().squaredNorm() * corner;
+  }
+  a.block(k, k, k, k) = a.topLeftCorner(k, k);
+  MatrixXd& whole = parts_->whole;
+  whole.resize(3 * k, 3 * k);
+  for (int i = 0; i < 3 * k; ++i)
+    for (int j = i; j < 3 * k; ++j) whole(i, j) = whole(j, i) = a(i, j);
+  const UpTo12 least = least_eigenvector(whole);
+  using Projective = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor, 3, 4>;
+  Projective m = Eigen::Map<const Projective>(least.data(), 3, k);
+  for (int c = 0; c < k; ++c)
+    m.col(c).head<2>() = scale * m.col(c).head<2>() + sight.head<2>() * m(2, c);
+  const double norm = (m.col(0).norm() + m.col(1).norm()) / 2;
+  m *= (m(2, k - 1) > 0 ? 1 : -1) / norm;
+  Matrix3d r;
+  r.leftCols<2>() = m.leftCols<2>();
+  if (flat)
+    r.col(2) = Vector3d(m.col(0)).cross(Vector3d(m.col(1)));
+  else
+    r.col(2) = m.col(2);
+  r = nearest_rotation(r, parts_->rotation);
+  const Vector3d t = m.col(k - 1) * points.size, line = t.normalized();
+  const auto add = [&](const Matrix3d& rotation) {
+    Pose pose;
+    pose.rotation = rotation * points.axes.transpose();
+    pose.translation = t - pose.rotation * points.mean;
+    parts_->out.push_back(pose);
+  };
+  add(r);
+  // A plane's mirror image across the line of sight looks almost the same from afar.
+  if (flat)
+    add((2 * line * line.transpose() - Matrix3d::Identity()) * r *
+        Vector3d(-1, -1, 1).asDiagonal());
 }
 
 bool pose_from_directions(const Matrix3Xd& points, const Matrix3Xd& xy1, Pose& camera_T_frame) {

@@ -12,6 +12,7 @@
 // The same with y = Y q_i of what another sensor sees: linear in R_X, t_X and an affine Y.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -32,6 +33,31 @@ Pose fit_points(const Eigen::Matrix3Xd& a, const Eigen::Matrix3Xd& b);
 /// beside and behind: by DLT, for planes both mirror solutions; of fewer than six points, and what
 /// is nearly a plane, all poses that are nearest to the directions.
 std::vector<Pose> perspective_poses(const Eigen::Matrix3Xd& c, const Eigen::Matrix3Xd& xy1);
+
+/// Both again and again, in the same memory: of as many points nothing is allocated, but for what
+/// needs poses_at_rays().
+class RepeatedPoses {
+ public:
+  RepeatedPoses();
+  RepeatedPoses(RepeatedPoses&&) noexcept;
+  ~RepeatedPoses();
+  Pose fit(const Eigen::Matrix3Xd& a, const Eigen::Ref<const Eigen::Matrix3Xd>& b);
+  /// The reference holds until the next call.
+  const std::vector<Pose>& perspective(const Eigen::Matrix3Xd& c, const Eigen::Matrix3Xd& xy1);
+
+ private:
+  /// Where points lie.
+  struct Placed {
+    Vector3d mean;
+    Matrix3d axes;
+    double size;
+    bool flat;
+  };
+  void add_linear(const Eigen::Matrix3Xd& xy1, const Placed& points);
+
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
 
 /// Returns the poses frame_T_target at which points p are nearest to rays o + s d of the frame, the
 /// least distances first; few rays leave some of a pose open, and there are many.

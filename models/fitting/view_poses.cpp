@@ -6,42 +6,47 @@
 #include "../rig/configuration.h"
 #include "../rig/targets.h"
 #include "../sensors/tilting_laser.h"
-#include "closed_form.h"
 
 namespace kincal {
 
 namespace {
 
-/// Residual of a camera's pixel z for a point far away in a direction (where a baseline does not
-/// show), and its derivatives by the direction. False where it is undefined.
-bool far_residual(const Sensor& sensor, const double* parameters, const double* z,
-                  const Vector3d& direction, Eigen::Vector2d& r,
+/// A Pixel is one that a camera measured.
+struct Pixel {
+  const Sensor& sensor;
+  const double *parameters, *z;
+  Matrix3Xd& point;  // scratch, 3 x 1
+};
+
+/// Residual of a pixel for a point far away in a direction (where a baseline does not show), and
+/// its derivatives by the direction. False where it is undefined.
+bool far_residual(const Pixel& pixel, const Vector3d& direction, Eigen::Vector2d& r,
                   Eigen::Matrix<double, 2, 3>& derivative) {
   constexpr double kDistant = 1e6;
-  const Matrix3Xd point = kDistant * direction;
+  pixel.point = kDistant * direction;
   const int id = 0;
   ViewInput in;
-  in.parameters = parameters;
-  in.points = &point;
+  in.parameters = pixel.parameters;
+  in.points = &pixel.point;
   in.ids = &id;
   in.count = 1;
-  in.z = z;
-  RowMatrix rows = RowMatrix::Zero(2, 6);
+  in.z = pixel.z;
+  Eigen::Matrix<double, 2, 6, Eigen::RowMajor> rows;
+  rows.setZero();
   Eigen::Ref<RowMatrix> l(rows);
-  if (!sensor.model->evaluate(in, Columns(), r.data(), &l)) return false;
+  if (!pixel.sensor.model->evaluate(in, Columns(), r.data(), &l)) return false;
   derivative = rows.leftCols<3>() * kDistant;
   return true;
 }
 
 /// The direction (x, y, 1) of a pixel, by Newton's method on the sensor's own projection. False
 /// where it does not converge: beyond 88.85 degrees, where x, y reach 50.
-bool direction_before(const Sensor& sensor, const double* parameters, const double* z,
-                      Vector3d& direction) {
+bool direction_before(const Pixel& pixel, Vector3d& direction) {
   Eigen::Vector2d p(0, 0), r;
   Eigen::Matrix<double, 2, 3> derivative;
   bool good = false;
   for (int step = 0; step < 100 && !good; ++step) {
-    if (!far_residual(sensor, parameters, z, {p.x(), p.y(), 1}, r, derivative)) break;
+    if (!far_residual(pixel, {p.x(), p.y(), 1}, r, derivative)) break;
     const Eigen::Vector2d step_p = Eigen::Matrix2d(derivative.leftCols<2>()).inverse() * r;
     if (!step_p.allFinite()) break;
     p -= step_p;
@@ -54,13 +59,10 @@ bool direction_before(const Sensor& sensor, const double* parameters, const doub
 
 /// The same on the sphere of directions, from the axis, by steps along great circles: of lenses
 /// that see sideways and backwards. A step that leaves what such a lens sees is halved.
-bool direction_around(const Sensor& sensor, const double* parameters, const double* z,
-                      Vector3d& direction) {
+bool direction_around(const Pixel& pixel, Vector3d& direction) {
   Eigen::Vector2d r;
   Eigen::Matrix<double, 2, 3> derivative;
-  const auto defined = [&](const Vector3d& at) {
-    return far_residual(sensor, parameters, z, at, r, derivative);
-  };
+  const auto defined = [&](const Vector3d& at) { return far_residual(pixel, at, r, derivative); };
   direction = Vector3d::UnitZ();
   if (!defined(direction)) return false;
   for (int step = 0; step < 100; ++step) {
@@ -88,61 +90,80 @@ bool direction_around(const Sensor& sensor, const double* parameters, const doub
   return false;
 }
 
-/// Directions of a view's pixels; false for each that is not found.
-std::vector<bool> directions(const Sensor& sensor, const double* parameters, const View& view,
-                             int count, Matrix3Xd& out) {
-  std::vector<bool> good(count, false);
-  for (int i = 0; i < count; ++i) {
-    const double* z = view.z.data() + 2 * i;
+/// Finds the directions of a view's pixels, as many as `out` has columns; those that are found
+/// come first there, and their places in `keep`. `point` is scratch.
+void find_directions(const Sensor& sensor, const double* parameters, const View& view,
+                     Matrix3Xd& point, Matrix3Xd& out, std::vector<int>& keep) {
+  keep.clear();
+  for (int i = 0; i < static_cast<int>(out.cols()); ++i) {
+    const Pixel pixel = {sensor, parameters, view.z.data() + 2 * i, point};
     Vector3d direction;
-    good[i] = direction_before(sensor, parameters, z, direction) ||
-              direction_around(sensor, parameters, z, direction);
-    out.col(i) = direction;
+    if (!direction_before(pixel, direction) && !direction_around(pixel, direction)) continue;
+    out.col(static_cast<Eigen::Index>(keep.size())) = direction;
+    keep.push_back(i);
   }
-  return good;
+}
+
+/// The parameters of a view's sensor; null if it has none.
+const double* own_values(const ParameterTable& table, const VectorXd& values, const View& view) {
+  const int block = table.sensor_block[view.sensor];
+  return block >= 0 ? values.data() + table.all[block].start : nullptr;
 }
 
 }  // namespace
 
 Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                           const View& view, int count, std::vector<int>& keep) {
-  Matrix3Xd xy1(3, count);
-  const int block = table.sensor_block[view.sensor];
-  const std::vector<bool> good =
-      directions(rig.sensors[view.sensor],
-                 block >= 0 ? values.data() + table.all[block].start : nullptr, view, count, xy1);
-  keep.clear();
-  for (int i = 0; i < count; ++i)
-    if (good[i]) keep.push_back(i);
-  return select_columns(xy1, keep);
+  Matrix3Xd xy1(3, count), point(3, 1);
+  find_directions(rig.sensors[view.sensor], own_values(table, values, view), view, point, xy1,
+                  keep);
+  xy1.conservativeResize(3, static_cast<Eigen::Index>(keep.size()));
+  return xy1;
 }
 
 std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                              const View& view) {
-  const Sensor& sensor = rig.sensors[view.sensor];
-  const Target& target = rig.targets[view.target];
-  const std::vector<int> ids = view_ids(view, target);
-  const Matrix3Xd points = select_columns(target_points(rig, table, values, view.target), ids);
-  const Eigen::Index n = points.cols();
-  switch (sensor.model->measurement_kind()) {
+  return RepeatedViewPoses(rig, table, values, view).find(view);
+}
+
+RepeatedViewPoses::RepeatedViewPoses(const Rig& rig, const ParameterTable& table,
+                                     const VectorXd& values, const View& view)
+    : sensor_(&rig.sensors[view.sensor]),
+      own_(own_values(table, values, view)),
+      points_(select_columns(target_points(rig, table, values, view.target),
+                             view_ids(view, rig.targets[view.target]))),
+      point_(3, 1) {
+  const Eigen::Index n = points_.cols();
+  if (sensor_->model->measurement_kind() == MeasurementKind::rays) directions_.resize(3, n);
+  keep_.reserve(static_cast<size_t>(n));
+}
+
+const std::vector<Pose>& RepeatedViewPoses::find(const View& view) {
+  out_.clear();
+  switch (sensor_->model->measurement_kind()) {
     case MeasurementKind::pose: {
       Pose z;
       z.translation << view.z[0], view.z[1], view.z[2];
       z.rotation =
           rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
-      return {z};
+      out_.push_back(z);
+      return out_;
     }
     case MeasurementKind::chain:
-      return {Pose()};
+      out_.emplace_back();
+      return out_;
     case MeasurementKind::points:
-      return {fit_points(points, Eigen::Map<const Matrix3Xd>(view.z.data(), 3, n))};
+      out_.push_back(
+          poses_.fit(points_, Eigen::Map<const Matrix3Xd>(view.z.data(), 3, points_.cols())));
+      return out_;
     case MeasurementKind::rays: {
-      std::vector<int> keep;
-      const Matrix3Xd xy1 = seen_directions(rig, table, values, view, static_cast<int>(n), keep);
-      return perspective_poses(select_columns(points, keep), xy1);
+      find_directions(*sensor_, own_, view, point_, directions_, keep_);
+      const auto found = static_cast<Eigen::Index>(keep_.size());
+      if (found == points_.cols()) return poses_.perspective(points_, directions_);
+      return poses_.perspective(select_columns(points_, keep_), directions_.leftCols(found));
     }
     default:
-      return {};
+      return out_;
   }
 }
 

@@ -11,6 +11,7 @@
 
 #include "../rig/parameters.h"
 #include "../rig/samples.h"
+#include "closed_form.h"
 
 namespace kincal {
 
@@ -25,6 +26,25 @@ Eigen::Matrix3Xd seen_directions(const Rig& rig, const ParameterTable& table,
 /// none.
 std::vector<Pose> view_poses(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                              const View& view);
+
+/// The same again and again for views of the same points by the same sensor, in the same memory:
+/// after the first view nothing is allocated, but for few points, points nearly in a plane,
+/// directions that are not found and sensors that see sideways. `values` must outlive it.
+class RepeatedViewPoses {
+ public:
+  RepeatedViewPoses(const Rig& rig, const ParameterTable& table, const VectorXd& values,
+                    const View& view);
+  /// The reference holds until the next call.
+  const std::vector<Pose>& find(const View& view);
+
+ private:
+  const Sensor* sensor_;
+  const double* own_;  // of the sensor, in the values
+  Eigen::Matrix3Xd points_, directions_, point_;
+  std::vector<int> keep_;
+  RepeatedPoses poses_;
+  std::vector<Pose> out_;
+};
 
 /// Returns the points of a scanning view in the base frame, in m.
 Eigen::Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const VectorXd& values,

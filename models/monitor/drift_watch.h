@@ -80,6 +80,9 @@ class DriftWatch {
   DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups, double samples_between_alarms,
              int most_rows);
 
+  /// Returns the bytes that it takes, by the sizes of the groups.
+  static size_t memory(int columns, const std::vector<int>& groups, int most_rows);
+
   /// Evaluates the equations of a sample (j: rows x columns, y: rows), already divided by the
   /// noise; at most most_rows. `residuals` is the number of residuals that they represent (-1: the
   /// number of rows). Returns v'S^-1 v. Allocates nothing.

@@ -33,9 +33,10 @@ constexpr double kUndetermined = 0.5;
 /// a joint.
 using NoiseOf = std::pair<int, int>;
 
-/// `needed`: of needed_by_views().
-void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sample& sample) {
-  const auto fail = [](const std::string& what) { throw std::invalid_argument(what); };
+/// `needed`: of needed_by_views(). `place` begins the messages.
+void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sample& sample,
+           const std::string& place = "") {
+  const auto fail = [&](const std::string& what) { throw std::invalid_argument(place + what); };
   if (sample.readings.size() != rig.tree.joints.size())
     fail("readings: one for every joint of the rig is expected (NaN: not in the sample)");
   if (!sample.noise.empty() && sample.noise.size() != sample.readings.size())
@@ -191,20 +192,12 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     if (c.parameter < 0 || c.parameter >= static_cast<int>(table.all.size()))
       throw std::invalid_argument("columns: the rig has no such parameter");
   owner = hash_of(table, state, options);
-  // Everything that was estimated or may move; poses as a whole.
-  std::vector<std::pair<std::string, std::vector<Component>>> groups =
-      moving_groups(base.rig, table, state.columns);
-  const auto free = [&](const Component& c) {
-    const Parameter& p = table.all[c.parameter];
-    merge(setup.free, {p.pose ? whole(table, c.parameter) : Freed{c.parameter, {c.index}}});
-  };
-  for (const Component& c : state.columns) free(c);
-  for (const auto& group : groups)
-    for (const Component& c : group.second) free(c);
+  Followed all = followed(base.rig, table, state.columns);
+  setup.free = std::move(all.free);
   setup.noise = NoiseMode::latent;
   setup.initial = values;
   for (size_t s = 0; s < base.rig.sensors.size(); ++s) setup.sensors.push_back(static_cast<int>(s));
-  columns = components_of(setup.free);
+  columns = std::move(all.columns);
   const auto place = [&](const Component& c) {
     return static_cast<Index>(std::find(columns.begin(), columns.end(), c) - columns.begin());
   };
@@ -228,7 +221,7 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
     known += open * open.transpose();
   }
   std::vector<DriftGroup> drift;
-  for (const auto& group : groups) {
+  for (const auto& group : all.groups) {
     DriftGroup of{group.first, {}, VectorXd(static_cast<Index>(group.second.size()))};
     for (const Component& c : group.second) {
       const double size = scales(table, c, values).usual;
@@ -423,6 +416,15 @@ void Monitor::Parts::take_fitting(const Equations& e, long number) {
   test->take(true, number);
 }
 
+void Monitor::prepare(const Sample& like) {
+  Parts& p = *parts_;
+  check(p.base.rig, p.needed, like);
+  std::string why;
+  if (!p.equations(like, p.at_hand, why)) return;
+  p.innovations.expect(p.at_hand, p.variance, *p.test);
+  p.innovations.reduce(p.at_hand, p.variance);
+}
+
 Innovation Monitor::add(const Sample& sample) {
   Innovation out;
   add(sample, out);
@@ -544,7 +546,8 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
   for (const int g : groups)
     if (g < 0 || g >= static_cast<int>(p.test->groups().size()))
       throw std::invalid_argument("groups: there is no such group");
-  for (const Sample& sample : window) check(p.base.rig, p.needed, sample);
+  for (size_t k = 0; k < window.size(); ++k)
+    check(p.base.rig, p.needed, window[k], "samples[" + std::to_string(k) + "].");
   const auto n = static_cast<Index>(p.columns.size());
   MatrixXd prior = p.known;
   VectorXd width = VectorXd::Zero(n);

@@ -47,6 +47,10 @@ struct MonitorOptions {
   double samples_between_alarms = 10000;  // mean, while nothing has moved
 };
 
+/// Returns how many bytes a monitor of this calibration takes before its first sample, at most 5 %
+/// above, by the sizes: nothing is made. @throws std::invalid_argument: columns that do not exist
+size_t monitor_memory(const CalibratedState& state);
+
 enum class SampleState {
   fits,
   outlier,        // does not fit; left out unless the next ones do not fit either
@@ -99,13 +103,16 @@ class Monitor {
   Monitor(Monitor&&) noexcept;
   Monitor& operator=(Monitor&&) noexcept;
 
+  /// Makes what samples of this form (the same views of the same points) need, so that the first of
+  /// them allocates nothing. This one does not count. @throws as add()
+  void prepare(const Sample& like);
   /// Adds a sample of the rig. If it throws, the monitor is unchanged.
   /// @throws std::invalid_argument: sizes or indices are not those of the rig, or a value is not
   /// finite
   Innovation add(const Sample& sample);
-  /// The same into `to`, whose memory is used again. The first sample of a form (the same views of
-  /// the same points) allocates, and so do samples whose free target starts from pixels, samples
-  /// that no start explains, and outliers during an alarm; others do not.
+  /// The same into `to`, whose memory is used again. The first sample of a form allocates unless it
+  /// was prepared, and so do samples that no start explains, views of few or nearly flat points of
+  /// a free target, and outliers during an alarm; others do not.
   void add(const Sample& sample, Innovation& to);
 
   /// Returns the groups that may have moved, most likely first.

@@ -97,4 +97,19 @@ std::vector<std::pair<std::string, std::vector<Component>>> moving_groups(
   return MovingGroups(rig, table, estimated).make();
 }
 
+Followed followed(const Rig& rig, const ParameterTable& table,
+                  const std::vector<Component>& estimated) {
+  Followed out;
+  out.groups = moving_groups(rig, table, estimated);
+  const auto free = [&](const Component& c) {
+    const Parameter& p = table.all[c.parameter];
+    merge(out.free, {p.pose ? whole(table, c.parameter) : Freed{c.parameter, {c.index}}});
+  };
+  for (const Component& c : estimated) free(c);
+  for (const auto& group : out.groups)
+    for (const Component& c : group.second) free(c);
+  out.columns = components_of(out.free);
+  return out;
+}
+
 }  // namespace kincal

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "../fitting/fit.h"
-#include "../fitting/view_poses.h"
 #include "../rig/configuration.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
@@ -21,6 +20,7 @@ std::shared_ptr<std::vector<Sample>> alone(const Sample& sample) {
   auto out = std::make_shared<std::vector<Sample>>(1, sample);
   Sample& one = out->front();
   one.train = true;
+  for (View& view : one.views) view.ids.own();  // whoever gave it writes the next ones there
   if (one.noise.empty()) one.noise.assign(one.readings.size(), 1);
   return out;
 }
@@ -38,10 +38,14 @@ SampleForm::SampleForm(const Recording& base, const Sample& sample, const Estima
   own_ = std::make_unique<Estimation>(recording_, std::vector<int>{0}, own_setup_);
   solver_ = std::make_unique<LevenbergMarquardt>(*own_, SolverOptions());
   start_ = own_->pack(values_);
+  solver_->reserve(start_.size());
   for (const View& v : sample.views) {
     to_sensors_.push_back(
         find_path(recording_.rig.tree, recording_.rig.base, recording_.rig.sensors[v.sensor].link));
     scans_ = scans_ || recording_.rig.sensors[v.sensor].scanning_joint >= 0;
+    by_views_.emplace_back();
+    if (recording_.rig.targets[v.target].link < 0)
+      by_views_.back().emplace(recording_.rig, recording_.table, values_.shared, v);
     if (recording_.rig.targets[v.target].link < 0 &&
         std::find(targets_.begin(), targets_.end(), v.target) == targets_.end())
       targets_.push_back(v.target);
@@ -62,6 +66,7 @@ void SampleForm::take(const Sample& sample) {
   Sample& to = samples_->front();
   to.id = sample.id;
   to.readings = sample.readings;
+  to.conditions = sample.conditions;
   if (sample.noise.empty())
     std::fill(to.noise.begin(), to.noise.end(), 1);
   else
@@ -79,13 +84,11 @@ void SampleForm::take(const Sample& sample) {
   own_->reload();
 }
 
-/// Finds the pose that a view measures, of a hand or of a tracker.
-bool SampleForm::given_pose(size_t view, Pose& base_T_target) const {
+Pose SampleForm::base_T_sensor(size_t view) const {
   const Sample& sample = samples_->front();
-  const View& v = sample.views[view];
-  const MeasurementKind kind = recording_.rig.sensors[v.sensor].model->measurement_kind();
-  if (kind != MeasurementKind::chain && kind != MeasurementKind::pose) return false;
-  const Configuration at(recording_.rig, recording_.table, values_.shared, sample.readings);
+  const int sensor = sample.views[view].sensor;
+  const Configuration at(recording_.rig, recording_.table, values_.shared, sample.readings,
+                         sample.conditions, sensor);
   Pose base_T_link;
   for (const PathStep& step : to_sensors_[view]) {
     Pose base_T_joint, base_T_next;
@@ -93,7 +96,16 @@ bool SampleForm::given_pose(size_t view, Pose& base_T_target) const {
          base_T_next);
     base_T_link = base_T_next;
   }
-  base_T_target = base_T_link * at.link_T_sensor(v.sensor);
+  return base_T_link * at.link_T_sensor(sensor);
+}
+
+/// Finds the pose that a view measures, of a hand or of a tracker.
+bool SampleForm::given_pose(size_t view, Pose& base_T_target) const {
+  const Sample& sample = samples_->front();
+  const View& v = sample.views[view];
+  const MeasurementKind kind = recording_.rig.sensors[v.sensor].model->measurement_kind();
+  if (kind != MeasurementKind::chain && kind != MeasurementKind::pose) return false;
+  base_T_target = base_T_sensor(view);
   if (kind == MeasurementKind::chain) return true;
   const double* const z = v.z.data();
   Pose seen;
@@ -109,6 +121,19 @@ void SampleForm::propose(const Pose& pose) {
   own_->renew(state_);
   if (own_->evaluate(0, state_, 0, cost) && std::isfinite(cost.doubled))
     proposed_.push_back({cost.doubled, pose});
+}
+
+/// Proposes what a view proposes.
+void SampleForm::propose_by(size_t view) {
+  const Sample& sample = samples_->front();
+  const View& v = sample.views[view];
+  if (recording_.rig.sensors[v.sensor].model->measurement_kind() == MeasurementKind::scan) {
+    for (const Pose& pose : proposals(recording_.rig, recording_.table, values_.shared, sample, v))
+      propose(pose);
+    return;
+  }
+  const Pose from = base_T_sensor(view);
+  for (const Pose& pose : by_views_[view]->find(v)) propose(from * pose);
 }
 
 /// Minimises over the sample's own unknowns from the best start proposed. A minimum that
@@ -142,11 +167,9 @@ bool SampleForm::start_target(int target) {
     propose(pose);
     if (solve_from_proposed()) return true;
   }
-  for (const View& view : sample.views) {
-    if (view.target != target) continue;
-    for (const Pose& pose :
-         proposals(recording_.rig, recording_.table, values_.shared, sample, view))
-      propose(pose);
+  for (size_t v = 0; v < sample.views.size(); ++v) {
+    if (sample.views[v].target != target) continue;
+    propose_by(v);
     if (solve_from_proposed()) return true;
   }
   return false;

@@ -3,12 +3,14 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "../../solver/levenberg_marquardt.h"
 #include "../estimation/estimation.h"
+#include "../fitting/view_poses.h"
 
 namespace kincal {
 
@@ -34,6 +36,8 @@ class SampleForm {
   void take(const Sample& sample);
   bool start_target(int target);
   bool given_pose(size_t view, Pose& base_T_target) const;
+  Pose base_T_sensor(size_t view) const;
+  void propose_by(size_t view);
   bool solve_from_proposed();
   void propose(const Pose& pose);
   bool solve();
@@ -44,9 +48,10 @@ class SampleForm {
   EstimationSetup own_setup_;
   std::unique_ptr<Estimation> problem_, own_;  // with the columns; without
   std::unique_ptr<LevenbergMarquardt> solver_;
-  std::vector<int> targets_;                       // free ones
-  std::vector<Path> to_sensors_;                   // from the base, by view
-  std::vector<std::pair<double, Pose>> proposed_;  // poses of a target and what they cost
+  std::vector<int> targets_;                                // free ones
+  std::vector<Path> to_sensors_;                            // from the base, by view
+  std::vector<std::optional<RepeatedViewPoses>> by_views_;  // of free targets, where one is seen
+  std::vector<std::pair<double, Pose>> proposed_;           // poses of a target and what they cost
   bool scans_ = false;
   Values values_;
   VectorXd start_, state_, trial_, best_;

@@ -1,7 +1,7 @@
 """The C interface: python3 c_test.py SOURCE_DIR KINCAL LIBRARY C_PROGRAM CC [TEST ...]   (LIBRARY: libkincal.so; C_PROGRAM: built of kincal_test.c)
 
 Proves: Program: what kincal_test.c says at its head, and that the files of its result are those that the program writes, to the last bit but for command, date and seconds. Same: the same by ctypes, with options
-and of a robot whose links bend (forward and compensate are those of the Python package); what the header says of structs is what ctypes needs to know. Abi: the library exports the functions of the header and nothing
+and of a robot whose links bend (forward and compensate are those of the Python package), and plans and verifications; what the header says of structs is what ctypes needs to know. Abi: the library exports the functions of the header and nothing
 else; sizes of structs, places of their members, and values of constants are those of abi.txt (`--renew` writes it anew: members may be added at the end, nothing else may change); the header compiles by itself in C99
 without a warning, and in C++. Document: the program of docs/c.md (examples/programs) compiles and prints what the page shows. Does not prove: that a program of an older version runs (there is none).
 """
@@ -151,9 +151,27 @@ class Same(Folder):
         self.call("kincal_result_file", result, name, buffer, needed, None)
         return buffer.value.decode()
 
+    def text(self, answer, name=None):
+        function, names = ("kincal_answer_file", [name]) if name else ("kincal_answer_json", [])
+        needed = ctypes.c_size_t()
+        self.call(function, answer, *names, None, ctypes.c_size_t(0), ctypes.byref(needed))
+        buffer = ctypes.create_string_buffer(needed.value)
+        self.call(function, answer, *names, buffer, needed, None)
+        return buffer.value.decode()
+
+    def answer(self, function, *arguments):
+        answer = ctypes.c_void_p()
+        self.call(function, *arguments, ctypes.byref(answer))
+        self.addCleanup(self.library.kincal_answer_free, answer)
+        return answer
+
+    def problem(self, rig, urdf, samples=None):
+        problem = ctypes.c_void_p()
+        self.call("kincal_problem_new", *(ctypes.byref(text_of(p)) if p else None for p in (rig, urdf, samples)), ctypes.byref(problem))
+        return problem
+
     def calibrated(self, rig, urdf, samples, settings=None):
-        problem, result = ctypes.c_void_p(), ctypes.c_void_p()
-        self.call("kincal_problem_new", *(ctypes.byref(text_of(p)) for p in (rig, urdf, samples)), ctypes.byref(problem))
+        problem, result = self.problem(rig, urdf, samples), ctypes.c_void_p()
         self.call("kincal_calibrate", problem, settings, None, ctypes.byref(result))
         self.library.kincal_problem_free(problem)
         self.addCleanup(self.library.kincal_result_free, result)
@@ -216,6 +234,43 @@ class Same(Folder):
         self.assertEqual(list(found), [expected.joints[j] for j in joints])
         self.assertEqual(wish.position, float(expected.position))
         self.assertGreater(max(abs(a - b) for a, b in zip(found, readings)), 1e-5)
+
+    def test_plan_and_verify(self):
+        """Plans and verifications are those of the program."""
+        import verify_test
+        rig, urdf = os.path.join(PR2, "rig.yaml"), os.path.join(PR2, "robot.urdf")
+        problem = self.problem(rig, urdf)
+        self.addCleanup(self.library.kincal_problem_free, problem)
+        answer = self.answer("kincal_plan", problem, b'{"next": 5, "candidates": 200, "seed": 3}', None)
+        out = run(KINCAL, "plan", rig, "--next", "5", "--candidates", "200", "--seed", "3", "--json", "--quiet", "--out", self.path("p.jsonl"))
+        self.assertEqual(json.loads(self.text(answer)), json.loads(out))
+        self.assertEqual(self.text(answer, b"postures.jsonl"), self.read("p.jsonl"))
+
+        shutil.copy(os.path.join(ARM, "robot.urdf"), self.path("robot.urdf"))
+        rig, urdf = self.write("rig.yaml", verify_test.RIG), self.path("robot.urdf")
+        run(KINCAL, "simulate", rig, "--samples", "40", "--seed", "1", "--spread", "joint/lift/offset=0.003", "--spread", "joint/bend/offset=0.003", "--spread", "*/pose.[xyz]=0.003", "--out", self.path("first"), "--quiet")
+        run(KINCAL, "calibrate", rig, self.path("first", "samples.jsonl"), "--out", self.path("result"), "--quiet")
+        result = self.calibrated(rig, urdf, self.path("first", "samples.jsonl"))
+        rig, urdf = self.path("result", "rig.yaml"), self.path("result", "robot.urdf")
+        problem = self.problem(rig, urdf)
+        self.addCleanup(self.library.kincal_problem_free, problem)
+        answer = self.answer("kincal_plan_verification", problem, b'{"cycles": 4, "region": [-2, -2, 0, 2, 2, 2]}', None)
+        out = run(KINCAL, "plan", self.path("result"), "--verify", "--cycles", "4", "--region=-2,-2,0,2,2,2", "--json", "--quiet", "--out", self.path("poses.jsonl"))
+        self.assertEqual(json.loads(self.text(answer)), json.loads(out))
+        self.assertEqual(self.text(answer, b"postures.jsonl"), self.read("poses.jsonl"))
+        later = self.path("later", "samples.jsonl")
+        run(KINCAL, "simulate", self.path("rig.yaml"), "--samples", "30", "--seed", "4", "--truth", self.path("first", "truth.json"), "--out", self.path("later"), "--quiet")
+        answer = self.answer("kincal_verify", result, ctypes.byref(text_of(later)), b'{"tolerance": "frame/target/reflector<0.5mm", "instrument": "tracker 7"}')
+        out = run(KINCAL, "verify", self.path("result"), later, "--tolerance", "frame/target/reflector<0.5mm", "--instrument", "tracker 7", "--json")
+        mine, theirs = json.loads(self.text(answer)), json.loads(out)
+        self.assertEqual(mine["answer"], theirs["answer"])
+        self.assertEqual({k for k in mine if mine[k] != theirs[k]} - {"command", "date", "sha256"}, set())
+        self.assertIn("tracker 7", self.text(answer, b"certificate.html"))
+        error, none = Error(ctypes.sizeof(Error)), ctypes.c_void_p()
+        used = ctypes.byref(text_of(self.path("first", "samples.jsonl")))
+        self.assertEqual(self.library.kincal_verify(result, used, None, ctypes.byref(none), ctypes.byref(error)), 1)
+        self.assertIn(b"was calibrated with", error.message)
+        self.assertIsNone(none.value)
 
 
 # ---------------------------------------------------------------------------- the binary interface

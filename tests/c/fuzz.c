@@ -13,7 +13,7 @@
 #include <string.h>
 #include <time.h>
 
-enum { kMostReadings = 32, kMostViews = 16, kMostNumbers = 256 };
+enum { kMostReadings = 32, kMostViews = 16, kMostNumbers = 256, kFileCount = 6 };
 
 static const char* folder;
 static unsigned long rounds, refused, calibrated, shown;
@@ -165,12 +165,13 @@ typedef struct made_case {
   text urdf, rig, samples;
   kincal_problem* problem;
   kincal_result* result;
-  text files[4];
+  text files[kFileCount];
   sample_numbers* numbers;
   int count;
 } made_case;
 
-static const char* const kFiles[4] = {"rig.yaml", "robot.urdf", "result.json", "covariance.csv"};
+static const char* const kFiles[kFileCount] = {"rig.yaml",       "robot.urdf",  "result.json",
+                                               "covariance.csv", "samples.csv", "residuals.csv"};
 
 static void read_numbers(made_case* c, int number) {
   char path[1024];
@@ -211,7 +212,7 @@ static int read_case(made_case* c, int number) {
   if (kincal_problem_new(&rig, &urdf, &samples, &c->problem, &error) ||
       kincal_calibrate(c->problem, NULL, NULL, &c->result, &error))
     stop("a case is refused", error.message);
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < kFileCount; ++i) {
     size_t needed = 0;
     kincal_result_file(c->result, kFiles[i], NULL, 0, &needed, NULL);
     c->files[i] = copy_of("", 0);
@@ -259,6 +260,24 @@ static void use(const kincal_result* result) {
       needed != summary.rows * summary.rows)
     stop("covariance", error.message);
   free(covariance);
+  kincal_component some;
+  some.size = sizeof some;
+  if (summary.components > 0 &&
+      kincal_result_component(result, below(summary.components), &some, &error) == KINCAL_OK) {
+    const char* name = below(10) ? some.name : "joint/none";
+    const kincal_names named = {&name, 1};
+    double value = 0;
+    good(kincal_result_covariance_of(result, &named, &value, 1, NULL, &error), &error, NULL);
+  }
+  if (good(kincal_result_residuals(result, NULL, 0, 0, &needed, &error), &error, NULL)) {
+    kincal_residual* residuals = calloc(needed + 1, sizeof *residuals);
+    if (kincal_result_residuals(result, residuals, sizeof *residuals, needed, NULL, &error))
+      stop("residuals", error.message);
+    for (size_t i = 0; i < needed; ++i)
+      if (!kincal_result_name(result, KINCAL_SAMPLES, (size_t)residuals[i].sample))
+        stop("residuals", "no such sample");
+    free(residuals);
+  }
   if (kincal_result_file(result, "report.html", NULL, 0, &needed, &error))
     good(error.status, &error, NULL);
 }
@@ -316,14 +335,15 @@ static void fuzz_problem(const made_case* c) {
 }
 
 static void fuzz_result(const made_case* c) {
-  kincal_text texts[4];
-  text parts[4];
-  for (int i = 0; i < 4; ++i) parts[i] = copy_of(c->files[i].data, c->files[i].size);
-  mutate(&parts[below(4)]);
-  for (int i = 0; i < 4; ++i) texts[i] = given(parts[i], kFiles[i]);
+  kincal_text texts[kFileCount];
+  text parts[kFileCount];
+  for (int i = 0; i < kFileCount; ++i) parts[i] = copy_of(c->files[i].data, c->files[i].size);
+  mutate(&parts[below(kFileCount)]);
+  for (int i = 0; i < kFileCount; ++i) texts[i] = given(parts[i], kFiles[i]);
   kincal_error error = KINCAL_ERROR_INIT;
   kincal_result* result = NULL;
-  if (good(kincal_result_read(texts, below(10) ? 4 : 3, &result, &error), &error, result)) {
+  if (good(kincal_result_read(texts, below(10) ? kFileCount : 3, &result, &error), &error,
+           result)) {
     use(result);
     kincal_monitor* monitor = NULL;
     if (good(kincal_monitor_new(result, NULL, &monitor, &error), &error, monitor) && c->count > 0) {
@@ -338,7 +358,7 @@ static void fuzz_result(const made_case* c) {
     kincal_monitor_free(monitor);
   }
   kincal_result_free(result);
-  for (int i = 0; i < 4; ++i) free(parts[i].data);
+  for (int i = 0; i < kFileCount; ++i) free(parts[i].data);
 }
 
 static double odd_number(double number) {
@@ -453,6 +473,26 @@ static void fuzz_monitor(const made_case* c) {
     }
   }
   shown += (unsigned long)taken;
+  text lines = copy_of(c->samples.data, c->samples.size);
+  if (below(2)) mutate(&lines);
+  const kincal_text window_text = given(lines, NULL);
+  const char* group = below(10) ? kincal_monitor_name(monitor, KINCAL_GROUPS, 0) : "none";
+  kincal_window window;
+  memset(&window, 0, sizeof window);
+  window.size = sizeof window;
+  window.lines = &window_text;
+  window.groups.names = &group;
+  window.groups.count = group ? 1 : 0;
+  window.iterations = (int32_t)below(4) - 1;
+  kincal_recalibration done = {sizeof done, 0, 0};
+  if (good(kincal_monitor_recalibrate(monitor, &window, &done, &error), &error, NULL))
+    for (size_t k = 0; k < done.components; ++k) {
+      kincal_recalibrated component;
+      component.size = sizeof component;
+      if (kincal_monitor_recalibrated(monitor, k, &component, &error))
+        stop("recalibrated", error.message);
+    }
+  free(lines.data);
   kincal_monitor_free(monitor);
 }
 

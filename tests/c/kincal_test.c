@@ -3,17 +3,45 @@
  * two as numbers, later.txt and moved.txt).
  *
  * Proves: an arm is calibrated from texts in memory; the result read back from its texts is the
- * same; poses and covariance; evaluation and check; a monitor that is shown structs says what one
- * says that is shown the same as JSON, and finds what moved; wrong input is refused with status,
- * file, line and name, and what was called works as before; structs of other sizes; a listener that
- * cancels; several threads on one problem and result. Files of the result are written to FOLDER/c,
- * for c_test.py to compare. Does not prove: that the numbers are right (the other tests do). */
+ * same; poses, covariance and its blocks, residuals as in the file; evaluation, check and plans; a
+ * monitor that is shown structs says what one says that is shown the same as JSON, and finds what
+ * moved, and allocates nothing for prepared forms; a recalibration finds the new pose; wrong input
+ * is refused with status, file, line and name, and what was called works as before; structs of
+ * other sizes; a listener that cancels; several threads on one problem and result. Files of the
+ * result are written to FOLDER/c, for c_test.py to compare. Does not prove: that the numbers are
+ * right (the other tests do). */
 #include <kincal.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+/* Allocations while `counting`, of the library too; where malloc is glibc's. */
+static volatile int counting = 0;
+static long allocations = 0;
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+void* __libc_malloc(size_t size);
+void* __libc_calloc(size_t count, size_t size);
+void* __libc_realloc(void* p, size_t size);
+void* __libc_memalign(size_t alignment, size_t size);
+void* malloc(size_t size) {
+  if (counting) ++allocations;
+  return __libc_malloc(size);
+}
+void* calloc(size_t count, size_t size) {
+  if (counting) ++allocations;
+  return __libc_calloc(count, size);
+}
+void* realloc(void* p, size_t size) {
+  if (counting) ++allocations;
+  return __libc_realloc(p, size);
+}
+void* aligned_alloc(size_t alignment, size_t size) {
+  if (counting) ++allocations;
+  return __libc_memalign(alignment, size);
+}
+#endif
 
 static int failures = 0;
 #define CHECK(condition)                                     \
@@ -120,6 +148,11 @@ static int32_t count_news(const kincal_news* news, void* user) {
   CHECK(news->size == sizeof *news && news->what != NULL);
   ++*(int*)user;
   return 0;
+}
+
+static int32_t cancel(const kincal_news* news, void* user) {
+  (void)news;
+  return ++*(int*)user > 3;
 }
 
 static kincal_result* calibrated(const kincal_problem* problem) {
@@ -235,6 +268,208 @@ static void test_read_back(const kincal_result* result) {
   FAILS(kincal_result_read(files, 4, &again, error), KINCAL_INPUT, "result.json:1");
   CHECK(strcmp(error->file, "result/result.json") == 0 && error->line == 1);
   CHECK(again == NULL);
+}
+
+/* The block of some components is that of the whole covariance. */
+static void test_covariance_of(const kincal_result* result) {
+  const kincal_summary summary = summary_of(result);
+  double* whole = malloc(summary.rows * summary.rows * sizeof *whole);
+  MUST(kincal_result_covariance(result, whole, summary.rows * summary.rows, NULL, error));
+  const char* const parts[] = {"sensor/camera/pose", "joint/bend/offset"};
+  const kincal_names names_of_parts = {parts, 2};
+  size_t needed = 0;
+  MUST(kincal_result_covariance_of(result, &names_of_parts, NULL, 0, &needed, error));
+  CHECK(needed == 49);
+  double block[49];
+  MUST(kincal_result_covariance_of(result, &names_of_parts, block, 49, NULL, error));
+  int64_t rows[7] = {0};
+  int found = 0;
+  for (size_t i = 0; i < summary.components; ++i) {
+    kincal_component c;
+    c.size = sizeof c;
+    MUST(kincal_result_component(result, i, &c, error));
+    const int camera = strncmp(c.name, "sensor/camera/pose.", 19) == 0;
+    const char* const axes[6] = {"x", "y", "z", "rx", "ry", "rz"};
+    for (int k = 0; camera && k < 6; ++k)
+      if (strcmp(c.name + 19, axes[k]) == 0) rows[k] = c.row, ++found;
+    if (strcmp(c.name, "joint/bend/offset") == 0) rows[6] = c.row, ++found;
+  }
+  CHECK(found == 7);
+  for (int i = 0; i < 7; ++i)
+    for (int j = 0; j < 7; ++j)
+      CHECK(block[7 * i + j] == whole[(size_t)rows[i] * summary.rows + (size_t)rows[j]]);
+  free(whole);
+  const char* one[2] = {"sensor/camera/pose.ry", NULL};
+  kincal_names some = {one, 1};
+  double value[2] = {0, 5};
+  MUST(kincal_result_covariance_of(result, &some, value, 2, &needed, error));
+  CHECK(needed == 1 && value[0] == block[7 * 4 + 4] && value[1] == 5);
+
+  double before[49];
+  memcpy(before, block, sizeof before);
+  FAILS(kincal_result_covariance_of(result, &names_of_parts, block, 48, &needed, error),
+        KINCAL_TOO_SMALL, "room for 48");
+  CHECK(needed == 49);
+  one[0] = "sensor/camra/pose";
+  FAILS(kincal_result_covariance_of(result, &some, block, 49, NULL, error), KINCAL_INPUT,
+        "no parameter 'sensor/camra/pose'; nearest: sensor/camera/pose");
+  CHECK(strcmp(error->name, "names") == 0 && strstr(error->message, "names[0]: ") != NULL);
+  one[0] = "joint/bend/origin";
+  FAILS(kincal_result_covariance_of(result, &some, block, 49, NULL, error), KINCAL_INPUT,
+        "was not estimated");
+  one[0] = "joint/bend/offset";
+  some.count = 2;
+  FAILS(kincal_result_covariance_of(result, &some, block, 49, NULL, error), KINCAL_USAGE,
+        "names[1]: is NULL");
+  FAILS(kincal_result_covariance_of(result, NULL, block, 49, NULL, error), KINCAL_USAGE,
+        "names: is NULL");
+  CHECK(memcmp(before, block, sizeof before) == 0);
+}
+
+/* The residuals of a result are those of its file, of all samples and points. */
+static void test_residuals(const kincal_problem* problem, const kincal_result* result) {
+  size_t needed = 0;
+  MUST(kincal_result_residuals(result, NULL, 0, 0, &needed, error));
+  const char* const csv = keep(result_file(result, "residuals.csv"));
+  size_t lines = 0;
+  for (const char* c = csv; *c; ++c) lines += *c == '\n';
+  CHECK(needed == lines - 1 && needed > 500);
+  kincal_residual* residuals = calloc(needed, sizeof *residuals);
+  MUST(kincal_result_residuals(result, residuals, sizeof *residuals, needed, NULL, error));
+  const char* line = csv;
+  for (size_t i = 0; i < needed; ++i) {
+    const kincal_residual* r = &residuals[i];
+    line = strchr(line, '\n') + 1;
+    const char* id = kincal_result_name(result, KINCAL_SAMPLES, (size_t)r->sample);
+    CHECK(strcmp(id, kincal_problem_name(problem, KINCAL_SAMPLES, (size_t)r->sample)) == 0);
+    char start[256];
+    snprintf(start, sizeof start, "%s,train,camera,board,%d,px,", id, (int)r->point);
+    double x = 0, y = 0, before_x = 0, before_y = 0, whitened = 0;
+    CHECK(strncmp(line, start, strlen(start)) == 0 &&
+          sscanf(line + strlen(start), "%lf,%lf,,,,,%lf,%lf,,%lf,", &x, &y, &before_x, &before_y,
+                 &whitened) == 5);
+    CHECK(r->size == sizeof *r && r->sensor == 0 && r->target == 0 && r->count == 2 &&
+          r->held_out == 0 && r->value[0] == x && r->value[1] == y && r->value[2] == 0 &&
+          r->before[0] == before_x && r->before[1] == before_y && isnan(r->before[2]) &&
+          r->whitened == whitened);
+  }
+  CHECK(kincal_result_name(result, KINCAL_SAMPLES, 24) == NULL);
+
+  /* Of an evaluation: the samples are its own, and their squares add up. */
+  const kincal_text later = file("later.jsonl");
+  kincal_problem* other = NULL;
+  kincal_answer *answer = NULL, *checked = NULL;
+  MUST(kincal_result_problem(result, &later, &other, error));
+  MUST(kincal_evaluate(other, "{\"noise\": \"none\"}", NULL, &answer, error));
+  MUST(kincal_answer_residuals(answer, NULL, 0, 0, &needed, error));
+  struct {
+    kincal_residual residual;
+    unsigned char behind[8];
+  }* const newer = calloc(needed, sizeof *newer); /* a header of a later version */
+  newer[0].behind[3] = 7;
+  MUST(kincal_answer_residuals(answer, &newer->residual, sizeof *newer, needed, NULL, error));
+  CHECK(newer[0].behind[3] == 7);
+  double chi2 = 0, stated = 0;
+  for (size_t i = 0; i < needed; ++i) {
+    const kincal_residual* r = &newer[i].residual;
+    CHECK(r->size == sizeof *newer && r->sample >= 0 && r->sample < 24 && r->count == 2 &&
+          r->point >= 0 && isnan(r->before[0]));
+    CHECK(i == 0 || r->sample >= newer[i - 1].residual.sample);
+    chi2 += r->whitened * r->whitened;
+  }
+  char* json = malloc(100000);
+  MUST(kincal_answer_json(answer, json, 100000, NULL, error));
+  CHECK(sscanf(strstr(json, "\"chi2\":"), "\"chi2\": %lf", &stated) == 1);
+  CHECK(fabs(chi2 - stated) < 1e-9 * stated);
+  free(json);
+  free(newer);
+
+  FAILS(kincal_answer_residuals(answer, residuals, 8, needed, NULL, error), KINCAL_USAGE,
+        "residual_size: 8");
+  FAILS(kincal_answer_residuals(answer, residuals, sizeof *residuals, 3, &needed, error),
+        KINCAL_TOO_SMALL, "room for 3");
+  FAILS(kincal_answer_residuals(answer, NULL, sizeof *residuals, needed, NULL, error), KINCAL_USAGE,
+        "buffer: is NULL");
+  CHECK(residuals[0].whitened == residuals[0].whitened && residuals[0].sample == 0);
+  MUST(kincal_check(other, NULL, NULL, &checked, error));
+  FAILS(kincal_answer_residuals(checked, NULL, 0, 0, &needed, error), KINCAL_INPUT,
+        "it has no residuals");
+  kincal_answer_free(checked);
+  kincal_answer_free(answer);
+  kincal_problem_free(other);
+  free(residuals);
+  kincal_result* without = NULL;
+  MUST(kincal_calibrate(problem, "{\"no_report\": true}", NULL, &without, error));
+  FAILS(kincal_result_residuals(without, NULL, 0, 0, &needed, error), KINCAL_INPUT,
+        "the result has no residuals.csv");
+  kincal_result_free(without);
+}
+
+/* A plan after samples (c_test.py has one without, and an instrument for verifications). */
+static void test_plans(const kincal_problem* problem, const kincal_result* result) {
+  const kincal_text rig = text_of(keep(result_file(result, "rig.yaml")), "rig.yaml"),
+                    urdf = text_of(keep(result_file(result, "robot.urdf")), "robot.urdf"),
+                    later = file("later.jsonl");
+  kincal_problem* empty = NULL;
+  kincal_answer* answer = NULL;
+  kincal_result* none = NULL;
+  MUST(kincal_problem_new(&rig, &urdf, NULL, &empty, error));
+  CHECK(kincal_problem_samples(empty) == 0 && kincal_problem_name(empty, 5, 0) == NULL);
+  FAILS(kincal_calibrate(empty, NULL, NULL, &none, error), KINCAL_INPUT, "the problem has none");
+  FAILS(kincal_evaluate(empty, NULL, NULL, &answer, error), KINCAL_INPUT, "the problem has none");
+  FAILS(kincal_check(empty, NULL, NULL, &answer, error), KINCAL_INPUT, "the problem has none");
+  size_t needed = 0;
+  const char* const four = "{\"next\": 4, \"candidates\": 60, \"clearance\": null}";
+  MUST(kincal_plan(problem, four, NULL, &answer, error));
+  MUST(kincal_answer_file(answer, "postures.jsonl", NULL, 0, &needed, error));
+  char* postures = malloc(needed);
+  MUST(kincal_answer_file(answer, "postures.jsonl", postures, needed, NULL, error));
+  size_t lines = 0;
+  for (const char* c = postures; *c; ++c) lines += *c == '\n';
+  CHECK(lines == 4 && strstr(postures, "\"bend\"") != NULL);
+  FAILS(kincal_answer_file(answer, "posture.jsonl", NULL, 0, &needed, error), KINCAL_INPUT,
+        "no text 'posture.jsonl'; nearest: postures.jsonl");
+  free(postures);
+  MUST(kincal_answer_json(answer, NULL, 0, &needed, error));
+  CHECK(needed > 100);
+  kincal_answer_free(answer);
+  answer = NULL;
+  FAILS(kincal_plan(empty, four, NULL, &answer, error), KINCAL_INPUT, "no candidate is left");
+  const struct {
+    const char *settings, *name, *text;
+  } wrong[] = {{"{\"nxt\": 4}", "nxt", "there is no such option; nearest: next"},
+               {"{\"next\": 0}", "next", "an integer in 1 .. 1000"},
+               {"{\"next\": 99999999999}", "next", "an integer in 1 .. 1000"},
+               {"{\"next\": \"4\"}", "next", "an integer in 1 .. 1000"},
+               {"{\"next\": -}", "", "settings:1"},
+               {"{\"seed\": -1}", "seed", "an integer in 0 .."},
+               {"{\"clearance\": 2}", "clearance", "a number in 0 .. 1 or null"},
+               {"{\"clearance\": \"1\"}", "clearance", "a number in 0 .. 1 or null"},
+               {"{\"goal\": 3}", "goal", "a text is expected"},
+               {"{\"goal\": \"frame/flang\"}", "goal", "flang"},
+               {"{\"postures\": \"{]\"}", "", "postures:1"},
+               {"[]", "", "a mapping of options"}};
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; ++i) {
+    FAILS(kincal_plan(problem, wrong[i].settings, NULL, &answer, error), KINCAL_INPUT,
+          wrong[i].text);
+    if (strcmp(error->name, wrong[i].name) != 0)
+      ++failures,
+          printf("%s: name '%s', message %s\n", wrong[i].settings, error->name, error->message);
+  }
+  int news = 0;
+  const kincal_progress progress = {sizeof progress, cancel, &news};
+  FAILS(kincal_plan(problem, NULL, &progress, &answer, error), KINCAL_CANCELLED, "the listener");
+  FAILS(kincal_plan_verification(empty, "{\"region\": [1, 2]}", NULL, &answer, error), KINCAL_INPUT,
+        "region: 6 numbers");
+  FAILS(kincal_plan_verification(empty, NULL, NULL, &answer, error), KINCAL_INPUT, "camera");
+  FAILS(kincal_verify(result, &later, "{\"tolerance\": 1}", &answer, error), KINCAL_INPUT,
+        "tolerance: a text is expected");
+  FAILS(kincal_verify(result, &later, "{\"refit_base\": 1}", &answer, error), KINCAL_INPUT,
+        "refit_base: true or false");
+  FAILS(kincal_verify(result, &later, NULL, &answer, error), KINCAL_INPUT, "camera");
+  FAILS(kincal_verify(result, NULL, NULL, &answer, error), KINCAL_USAGE, "samples: is NULL");
+  CHECK(answer == NULL && none == NULL);
+  kincal_problem_free(empty);
 }
 
 static void test_forward(const kincal_result* result) {
@@ -465,6 +700,160 @@ static void test_monitor(const kincal_result* result) {
   kincal_monitor_free(monitor);
 }
 
+/* The camera has moved by 2 mm along an axis: a window of later samples gives its new pose. */
+static void test_recalibration(const kincal_result* result) {
+  enum { SAMPLES = 12 };
+  kincal_monitor *monitor = NULL, *untouched = NULL;
+  MUST(kincal_monitor_new(result, NULL, &monitor, error));
+  MUST(kincal_monitor_new(result, NULL, &untouched, error));
+  static numbers n[SAMPLES];
+  kincal_sample samples[SAMPLES];
+  FILE* in = numbers_of("moved.txt");
+  for (int i = 0; i < SAMPLES; ++i) {
+    CHECK(next_sample(in, &n[i]));
+    samples[i] = n[i].sample;
+  }
+  fclose(in);
+  const char* group = "sensor/camera/pose";
+  kincal_window window;
+  memset(&window, 0, sizeof window);
+  window.size = sizeof window;
+  window.samples = samples;
+  window.sample_size = sizeof *samples;
+  window.samples_count = SAMPLES;
+  window.groups.names = &group;
+  window.groups.count = 1;
+  kincal_recalibration done = {sizeof done, 0, 0};
+  MUST(kincal_monitor_recalibrate(monitor, &window, &done, error));
+  CHECK(done.samples == SAMPLES && done.components > 10);
+  kincal_recalibrated c, x[100];
+  c.size = sizeof c;
+  double square = 0, variance = 0;
+  int of_camera = 0;
+  CHECK(done.components <= 100);
+  for (size_t i = 0; i < done.components && i < 100; ++i) {
+    MUST(kincal_monitor_recalibrated(monitor, i, &c, error));
+    x[i] = c;
+    CHECK(c.determined == 1 && c.sigma >= 0);
+    if (strncmp(c.name, "sensor/camera/pose.", 19) == 0) {
+      ++of_camera;
+      CHECK(c.value == c.change && strcmp(c.unit, strchr("xyz", c.name[19]) ? "m" : "rad") == 0);
+      if (strchr("xyz", c.name[19])) square += c.change * c.change, variance += c.sigma * c.sigma;
+    }
+  }
+  CHECK(of_camera == 6 && fabs(sqrt(square) - 0.002) < 3 * sqrt(variance) && variance < 1e-7);
+
+  /* The same by lines. */
+  const char* const text = file("moved.jsonl").data;
+  const char* end = text;
+  for (int i = 0; i < SAMPLES; ++i) end = strchr(end, '\n') + 1;
+  const kincal_text lines = {text, (size_t)(end - text), "lines"};
+  kincal_window by_lines = window;
+  by_lines.samples = NULL;
+  by_lines.lines = &lines;
+  MUST(kincal_monitor_recalibrate(monitor, &by_lines, &done, error));
+  for (size_t i = 0; i < done.components && i < 100; ++i) {
+    MUST(kincal_monitor_recalibrated(monitor, i, &c, error));
+    CHECK(c.value == x[i].value && c.sigma == x[i].sigma && strcmp(c.name, x[i].name) == 0);
+  }
+  /* One picture does not determine the camera and a joint of the arm that holds it. */
+  const char* const two[2] = {"joint/turn/offset", "target/board/pose"};
+  const kincal_names both = {two, 2};
+  kincal_window little = window;
+  little.samples_count = 1;
+  little.groups = both;
+  MUST(kincal_monitor_recalibrate(monitor, &little, &done, error));
+  int open = 0;
+  for (size_t i = 0; i < done.components && i < 100; ++i) {
+    MUST(kincal_monitor_recalibrated(monitor, i, &c, error));
+    open += !c.determined;
+  }
+  CHECK(done.samples == 1 && open > 0);
+
+  /* What is wrong is refused; the last recalibration stays, and so does what was learned. */
+  kincal_window wrong = window;
+  group = "sensor/camra/pose";
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_INPUT,
+        "no group 'sensor/camra/pose'; nearest: sensor/camera/pose");
+  CHECK(strcmp(error->name, "groups") == 0);
+  group = "sensor/camera/pose";
+  wrong.groups.count = 0;
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_INPUT,
+        "groups: at least one");
+  wrong = window;
+  wrong.samples_count = 0;
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_INPUT,
+        "samples: at least one");
+  wrong = window;
+  wrong.sample_size = 8;
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_USAGE, "sample_size: 8");
+  wrong = window;
+  wrong.lines = &lines;
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_USAGE, "lines, too");
+  wrong = window;
+  wrong.iterations = -1;
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_INPUT,
+        "iterations: -1 is not in");
+  wrong = window;
+  wrong.size = 16;
+  FAILS(kincal_monitor_recalibrate(monitor, &wrong, &done, error), KINCAL_USAGE,
+        "window: its size is 16");
+  n[3].readings[2] = NAN;
+  FAILS(kincal_monitor_recalibrate(monitor, &window, &done, error), KINCAL_INPUT,
+        "'bend' has none");
+  CHECK(strcmp(error->name, "samples[3].readings") == 0);
+  n[3].readings[2] = 0;
+  n[5].pixels[1] = INFINITY;
+  FAILS(kincal_monitor_recalibrate(monitor, &window, &done, error), KINCAL_INPUT, "not finite");
+  CHECK(strcmp(error->name, "samples[5].views[0].z") == 0);
+  n[5].pixels[1] = 0;
+  samples[7].size = 8;
+  FAILS(kincal_monitor_recalibrate(monitor, &window, &done, error), KINCAL_USAGE,
+        "samples[7]: its size is 8");
+  kincal_recalibrated kept_one;
+  kept_one.size = sizeof kept_one;
+  MUST(kincal_monitor_recalibrated(monitor, done.components - 1, &kept_one, error));
+  CHECK(kept_one.value == c.value && kept_one.sigma == c.sigma);
+  FAILS(kincal_monitor_recalibrated(untouched, 0, &c, error), KINCAL_USAGE, "is not below 0");
+  CHECK(watch(monitor, untouched, "later") == 0);
+  kincal_monitor_free(untouched);
+  kincal_monitor_free(monitor);
+}
+
+/* Samples of prepared forms allocate nothing, and the monitor says the same as another one. */
+static void test_prepared(const kincal_result* result) {
+  enum { SAMPLES = 24 };
+  kincal_monitor *monitor = NULL, *other = NULL;
+  MUST(kincal_monitor_new(result, NULL, &monitor, error));
+  MUST(kincal_monitor_new(result, NULL, &other, error));
+  static numbers n[SAMPLES];
+  FILE* in = numbers_of("later.txt");
+  for (int i = 0; i < SAMPLES; ++i) {
+    CHECK(next_sample(in, &n[i]));
+    MUST(kincal_monitor_prepare(monitor, &n[i].sample, error));
+  }
+  fclose(in);
+  CHECK(counts_of(monitor).samples == 0 && counts_of(monitor).noise == 0);
+  kincal_innovation a = innovation(), b = innovation();
+  for (int i = 0; i < SAMPLES; ++i) {
+    counting = i > 0; /* the first one makes room for the list of sensors */
+    CHECK(kincal_monitor_add(monitor, &n[i].sample, &a, NULL) == KINCAL_OK);
+    counting = 0;
+    MUST(kincal_monitor_add(other, &n[i].sample, &b, error));
+    CHECK(memcmp(&a, &b, sizeof a) == 0);
+  }
+  CHECK(allocations == 0);
+  n[0].ids[0] = -1;
+  FAILS(kincal_monitor_prepare(monitor, &n[0].sample, error), KINCAL_INPUT, "no point -1");
+  CHECK(strcmp(error->name, "views[0].ids") == 0);
+  size_t bytes = 0;
+  MUST(kincal_monitor_memory(result, &bytes, error));
+  CHECK(bytes > 1000000 && bytes < 4000000);
+  FAILS(kincal_monitor_memory(result, NULL, error), KINCAL_USAGE, "bytes: is NULL");
+  kincal_monitor_free(other);
+  kincal_monitor_free(monitor);
+}
+
 /* A board whose picture moves by 3 px, with a little noise that repeats. */
 static void test_static_view(void) {
   enum { POINTS = 20 };
@@ -643,11 +1032,6 @@ static void test_wrong_problems(void) {
         kincal_result_file_name(NULL, 0) == NULL);
 }
 
-static int32_t cancel(const kincal_news* news, void* user) {
-  (void)news;
-  return ++*(int*)user > 3;
-}
-
 static void test_wrong_settings(const kincal_problem* problem, const char* expected) {
   kincal_result* result = NULL;
   const struct {
@@ -794,9 +1178,14 @@ int main(int argc, char** argv) {
   char* covariance = result_file(result, "covariance.csv");
   test_result(problem, result);
   test_read_back(result);
+  test_covariance_of(result);
+  test_residuals(problem, result);
+  test_plans(problem, result);
   test_forward(result);
   test_evaluation(result);
   test_monitor(result);
+  test_recalibration(result);
+  test_prepared(result);
   test_static_view();
   test_wrong_samples(result);
   test_wrong_problems();

@@ -8,9 +8,10 @@
 // named, with its size and its sample, also where only some samples are outliers; one outlier is
 // left out, several that nothing explains are no drift; wrong samples are refused and change
 // nothing; a monitor that is saved and loaded goes on to the last bit, and a damaged state is
-// refused; what a window of samples recalibrates is the truth within its sigmas (50 robots), a
-// window that does not show it says so. Does not prove: rates of false alarms
-// (drift_watch_test.cpp) and robots of many sensors (program/monitor_test.py).
+// refused; each sample has its own conditions (approach); what a window of samples recalibrates is
+// the truth within its sigmas (50 robots), a window that does not show it says so. Does not prove:
+// rates of false alarms (drift_watch_test.cpp) and robots of many sensors
+// (program/monitor_test.py).
 #include "../../../models/monitor/monitor.h"
 
 #include <catch2/catch.hpp>
@@ -297,6 +298,26 @@ TEST_CASE("monitor: saved and loaded it goes on to the last bit") {
   MonitorOptions options;
   options.samples_between_alarms = 500;
   CHECK_THROWS_WITH(Monitor(state, options).load(bytes), Contains("or to other options"));
+}
+
+TEST_CASE("monitor: each sample has its own conditions, and a prepared form changes nothing") {
+  Rig rig = arm();
+  rig.joints[joint_index(rig, "elbow")].backlash = 0.002;
+  CalibratedState state{rig, ParameterTable(rig).initial, {}, {}, {}, {}};
+  state.columns = components_of(freed(ParameterTable(rig), {"sensor/*/pose"}));
+  const auto n = static_cast<Eigen::Index>(state.columns.size());
+  state.covariance = 1e-8 * MatrixXd::Identity(n, n);
+  Random random(23);
+  std::vector<Sample> samples = logged(arm(), 2, random);
+  for (const double side : {1.0, -1.0})
+    samples[side > 0 ? 0 : 1].conditions.approach.assign(rig.joints.size(), side);
+  Monitor prepared(state), fresh(state), wrong(state);
+  prepared.prepare(samples[0]);
+  CHECK(prepared.save() == fresh.save());
+  const double chi2 = fresh.add(samples[1]).chi2;
+  CHECK(prepared.add(samples[1]).chi2 == chi2);
+  samples[1].conditions = samples[0].conditions;
+  CHECK(std::abs(wrong.add(samples[1]).chi2 - chi2) > 1);
 }
 
 TEST_CASE("monitor: recalibration by a window") {
