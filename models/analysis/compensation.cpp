@@ -21,30 +21,13 @@ struct TipMotion {
   MatrixXd columns;
   std::vector<int> joints;
 };
-TipMotion tip_motion(const Configuration& robot, const Frame& tip, const Pose& base_T_tip) {
-  const Rig& rig = robot.rig();
-  TipMotion out;
-  out.joints = joints_between(rig, rig.base, tip.link);
-  out.columns.setZero(6, static_cast<Eigen::Index>(out.joints.size()));
+TipMotion tip_motion(const RobotTip& robot, const Readings& readings, const Pose& base_T_tip) {
+  FrameDerivative d = frame_derivative(*robot.robot.rig, *robot.robot.table, robot.robot.values, {},
+                                       robot.tip, readings);
   const Matrix3d back = base_T_tip.rotation.transpose();
-  Pose a_T_from;
-  for (const PathStep& step : find_path(rig.tree, rig.base, tip.link)) {
-    Pose a_T_joint, a_T_to;
-    walk(step, robot.origin(step.joint), robot.motion(step.joint), a_T_from, a_T_joint, a_T_to);
-    a_T_from = a_T_to;
-    const Joint& joint = rig.tree.joints[step.joint];
-    if (!joint.moves()) continue;
-    const Driver d = driver(rig.tree, step.joint);
-    const Vector6d twist = position_twist(
-        joint, step.direction, a_T_joint * Pose{robot.bend_of(step.joint), Vector3d::Zero()});
-    for_each_reading(rig, d.joint, [&](int by) {
-      const double by_reading = d.factor * robot.by_reading_of(d.joint, by);
-      const auto k = std::find(out.joints.begin(), out.joints.end(), by) - out.joints.begin();
-      out.columns.col(k).head<3>() +=
-          by_reading * (back * (twist.head<3>() + twist.tail<3>().cross(base_T_tip.translation)));
-      out.columns.col(k).tail<3>() += by_reading * (back * twist.tail<3>());
-    });
-  }
+  TipMotion out{MatrixXd(6, d.by_joints.cols()), std::move(d.moving)};
+  out.columns.topRows<3>() = back * d.by_joints.topRows<3>();
+  out.columns.bottomRows<3>() = back * d.by_joints.bottomRows<3>();
   return out;
 }
 
@@ -63,12 +46,10 @@ Compensated compensate(const RobotTip& real, const Pose& wanted, const Readings&
   Compensated out{at, least, least};
   Readings now = at;
   for (int step = 0; step < kSteps; ++step) {
-    const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now,
-                              real.conditions);
     const Pose base_T_tip = real.base_T_tip(now), left = inverse(real.at(now)) * wanted;
     VectorXd e(6);
     e << left.translation, log_so3(left.rotation);
-    const TipMotion motion = tip_motion(robot, real.tip, base_T_tip);
+    const TipMotion motion = tip_motion(real, now, base_T_tip);
     if (motion.joints.empty())
       throw std::invalid_argument("no joint moves '" + real.tip.name + "'");
     const Eigen::Index rows = position_only ? 3 : 6;
@@ -110,9 +91,8 @@ std::optional<Readings> reach(const RobotTip& robot, const Readings& start, cons
   const Rig& rig = *robot.robot.rig;
   Readings now = start;
   for (int step = 0; step < kReachSteps; ++step) {
-    const Configuration at(rig, *robot.robot.table, robot.robot.values, now, robot.conditions);
     const Pose base_T_tip = robot.base_T_tip(now);
-    const TipMotion motion = tip_motion(at, robot.tip, base_T_tip);
+    const TipMotion motion = tip_motion(robot, now, base_T_tip);
     TaskError left = task(base_T_tip, motion);
     if (left.error.norm() < kNear) return now;
     MatrixXd& j = left.by_readings;

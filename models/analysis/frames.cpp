@@ -165,17 +165,14 @@ UnseenPoses unseen_poses(const Solution& solution) {
   const bool automatic = solution.prediction.has_value();
   const std::vector<int> open = open_poses(rig, table);
   UnseenPoses out;
-  const auto sort = [&](int p, bool given) {
-    if (p < 0 || seen[p]) return;
-    if (automatic && given)
-      out.given.push_back(p);
-    else if (automatic || std::count(open.begin(), open.end(), p))
-      out.open.push_back(p);
-  };
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    sort(table.sensor_pose[s], rig.sensors[s].pose_given);
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0) sort(table.target_pose[t], rig.targets[t].pose_given);
+  for (const std::vector<int>* poses : {&table.sensor_pose, &table.target_pose})
+    for (const int p : *poses)
+      if (p >= 0 && !seen[p]) {
+        if (automatic && is_given(rig, table.all[p]))
+          out.given.push_back(p);
+        else if (automatic || std::count(open.begin(), open.end(), p))
+          out.open.push_back(p);
+      }
   return out;
 }
 
@@ -197,6 +194,19 @@ namespace {
 
 /// Unknowns by parameter: component and column of each.
 using ColumnsOf = std::map<int, std::vector<std::pair<int, int>>>;
+
+/// Adds to the columns of a joint's own numbers what its position moves.
+void add_own_numbers(const Configuration& robot, const ColumnsOf& columns, int joint,
+                     const Vector6d& twist, MatrixXd& by_unknowns) {
+  const ParameterTable& table = robot.table();
+  int first = 0;  // own number of the parameter's first component
+  for (int p = table.joint_offset[joint]; p < table.joint_origin[joint]; ++p) {
+    if (const auto found = columns.find(p); found != columns.end())
+      for (const auto& [number, column] : found->second)
+        by_unknowns.col(column) += robot.by_own_number(joint, first + number) * twist;
+    first += table.all[p].size();
+  }
+}
 
 /// Adds to the columns of twists what moves through bending joints; `by_delta` has the path's
 /// columns by their deflections.
@@ -235,13 +245,7 @@ void add_bending(const Configuration& robot, const Unknowns& unknowns, const Col
       continue;
     const Driver d = driver(rig.tree, j);
     const OneColumn twist = d.factor * bent_by_position(skeleton, bent, through, j, joint.axis);
-    int first = 0;  // own number of the parameter's first component
-    for (int p = table.joint_offset[d.joint]; p < table.joint_origin[d.joint]; ++p) {
-      if (const auto found = columns.find(p); found != columns.end())
-        for (const auto& [number, column] : found->second)
-          by_unknowns.col(column) += robot.by_own_number(d.joint, first + number) * twist;
-      first += table.all[p].size();
-    }
+    add_own_numbers(robot, columns, d.joint, twist, by_unknowns);
   }
 }
 
@@ -283,38 +287,38 @@ FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
     if (joint.moves()) {
       const Driver d = driver(rig.tree, step.joint);
       const Vector6d twist = d.factor * position_twist(joint, step.direction, base_T_joint);
-      int first = 0;  // own number of the parameter's first component
-      for (int p = table.joint_offset[d.joint]; p < table.joint_origin[d.joint]; ++p) {
-        if (const auto found = columns.find(p); found != columns.end())
-          for (const auto& [number, column] : found->second)
-            out.by_unknowns.col(column) += robot.by_own_number(d.joint, first + number) * twist;
-        first += table.all[p].size();
-      }
+      add_own_numbers(robot, columns, d.joint, twist, out.by_unknowns);
       for_each_reading(rig, d.joint, [&](int by) {
-        const double sigma = rig.joints[by].sigma;
-        if (sigma > 0)
-          by_reading.emplace(by, Vector6d::Zero()).first->second +=
-              robot.by_reading_of(d.joint, by) * sigma * twist;
+        by_reading.emplace(by, Vector6d::Zero()).first->second +=
+            robot.by_reading_of(d.joint, by) * twist;
       });
     }
     base_T_link = base_T_next;
   }
-  if (by_delta.size() > 0) add_bending(robot, unknowns, columns, by_delta, out.by_unknowns);
+  if (by_delta.size() > 0 && !columns.empty())
+    add_bending(robot, unknowns, columns, by_delta, out.by_unknowns);
   Pose base_T_frame = base_T_link;
   if (frame.pose >= 0) {
     base_T_frame = base_T_link * get_pose(values, table.all[frame.pose].start);
     add_pose(frame.pose, 1, base_T_frame);
   }
-  out.by_readings.resize(6, static_cast<Eigen::Index>(by_reading.size()));
-  Eigen::Index next = 0;
+  out.by_joints.resize(6, static_cast<Eigen::Index>(by_reading.size()));
   for (const auto& r : by_reading) {
-    out.by_readings.col(next++) = r.second;
-    out.joints.push_back(r.first);
+    out.by_joints.col(static_cast<Eigen::Index>(out.moving.size())) = r.second;
+    out.moving.push_back(r.first);
   }
-  for (MatrixXd* twists : {&out.by_unknowns, &out.by_readings})
+  for (MatrixXd* twists : {&out.by_unknowns, &out.by_joints})
     if (twists->cols() > 0)
       twists->topRows<3>() -=
           skew(base_T_frame.translation) * twists->bottomRows<3>();  // v + w x p
+  out.by_readings.resize(6, out.by_joints.cols());
+  for (size_t i = 0; i < out.moving.size(); ++i)
+    if (const double sigma = rig.joints[out.moving[i]].sigma; sigma > 0) {
+      out.by_readings.col(static_cast<Eigen::Index>(out.joints.size())) =
+          sigma * out.by_joints.col(static_cast<Eigen::Index>(i));
+      out.joints.push_back(out.moving[i]);
+    }
+  out.by_readings.conservativeResize(6, static_cast<Eigen::Index>(out.joints.size()));
   return out;
 }
 

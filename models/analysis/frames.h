@@ -79,6 +79,8 @@ UnseenPoses unseen_poses(const Solution& solution);
 struct FrameDerivative {
   MatrixXd by_unknowns, by_readings;
   std::vector<int> joints;  // joints of the columns of by_readings
+  MatrixXd by_joints;       // by all readings that move it, not by their noise
+  std::vector<int> moving;  // joints of its columns
 };
 FrameDerivative frame_derivative(const Rig& rig, const ParameterTable& table,
                                  const VectorXd& values, const Unknowns& unknowns,

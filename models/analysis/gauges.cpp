@@ -8,6 +8,7 @@
 
 #include "../../solver/decompositions.h"
 #include "../rig/geometry.h"
+#include "../rig/selection.h"
 #include "frames.h"
 
 namespace kincal {
@@ -45,14 +46,6 @@ std::vector<SeenPair> seen_pairs(const Recording& recording) {
   std::vector<SeenPair> pairs;
   for (const auto& pair : out) pairs.push_back(pair.second);
   return pairs;
-}
-
-/// Whether the rig gives a pose.
-bool is_given(const Recording& recording, int parameter) {
-  const Parameter& p = recording.table.all[parameter];
-  return p.kind == ParameterKind::sensor_pose   ? recording.rig.sensors[p.owner].pose_given
-         : p.kind == ParameterKind::target_pose ? recording.rig.targets[p.owner].pose_given
-                                                : true;
 }
 
 }  // namespace
@@ -138,7 +131,8 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
     for (Eigen::Index i = 0; i < n; ++i) {
       const int parameter = component(i).parameter;
       const double share =
-          open.row(i).norm() * (is_given(recording, parameter) ? kGiven : 1) *
+          open.row(i).norm() *
+          (is_given(recording.rig, recording.table.all[parameter]) ? kGiven : 1) *
           (recording.table.all[parameter].kind == ParameterKind::target_pose ? kTarget : 1) *
           (std::any_of(out.begin(), out.end(),
                        [&](const Gauge& g) { return g.fixed.parameter == parameter; })
@@ -147,7 +141,9 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
       if (share > most * (1 + 1e-6)) most = share, best = i;
     }
     const VectorXd direction = open * open.row(best).transpose().normalized();
-    Gauge gauge{component(best), is_given(recording, component(best).parameter), {}};
+    Gauge gauge{component(best),
+                is_given(recording.rig, recording.table.all[component(best).parameter]),
+                {}};
     std::vector<std::pair<double, Component>> with;
     for (Eigen::Index i = 0; i < n; ++i)
       if (i != best && std::abs(direction(i)) > kTakesPart * direction.cwiseAbs().maxCoeff())

@@ -33,11 +33,7 @@ int only_flange(const Tree& tree) {
   return flange;
 }
 
-/// How far something turned from where it was first: at most, and about other axes than the one
-/// that it turned about most; rad.
-struct Turns {
-  double most = 0, others = 0;
-};
+}  // namespace
 
 Turns turns_of(const std::vector<Matrix3d>& rotations) {
   if (rotations.empty()) return {};
@@ -55,6 +51,8 @@ Turns turns_of(const std::vector<Matrix3d>& rotations) {
   }
   return out;
 }
+
+namespace {
 
 /// What turned against what, and how: of the pair that turned best.
 struct Turned {

@@ -7,10 +7,18 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "../rig/recording.h"
 
 namespace kincal {
+
+/// How far something turned from where it was first: at most, and about other axes than the one
+/// that it turned about most; rad.
+struct Turns {
+  double most = 0, others = 0;
+};
+Turns turns_of(const std::vector<Matrix3d>& rotations);
 
 /// A MotionLack is what is missing, what to record, and what to do where that cannot be; all are
 /// empty where nothing is missing.

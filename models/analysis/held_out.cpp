@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "../rig/distributions.h"
 
@@ -154,6 +155,50 @@ std::vector<HeldOutError> held_out_errors(const Solution& solution, const Residu
   HeldOutSums sums;
   sums.add(*solution.recording, residuals, indices(solution.samples().size()));
   return held_out_errors(solution.rig(), make_blocks(solution.rig(), solution.samples()), sums);
+}
+
+std::vector<ComparedError> compare_errors(const Rig& rig, const Blocks& blocks,
+                                          const std::vector<const HeldOutSums*>& sums,
+                                          size_t may_lack) {
+  std::vector<ComparedError> out;
+  for (size_t s = 0; s < rig.sensors.size(); ++s)
+    for (const auto part : {&BlockSums::as_read, &BlockSums::rotation_as_read}) {
+      const bool rotation = part == &BlockSums::rotation_as_read;
+      const SensorModel& model = *rig.sensors[s].model;
+      if (rotation && !model.measures_pose()) continue;
+      ComparedError row{rig.sensors[s].name, rotation ? "rad" : model.unit()};
+      std::map<int, std::vector<double>> by_block, by_sample;
+      for (const auto& [place, last] : sums.back()->all) {
+        if (place.first != static_cast<int>(s)) continue;
+        std::vector<double> squares;
+        for (const HeldOutSums* one : sums) {
+          const auto found = one->all.find(place);
+          const bool same = found != one->all.end() && found->second.points == last.points;
+          if (same || squares.size() < may_lack)
+            squares.push_back(same ? found->second.*part : kNan);
+        }
+        if (squares.size() < sums.size()) continue;
+        const int block = blocks.of[place.second];
+        row.points += last.points;
+        row.by_target = row.by_target || blocks.target[block];
+        for (std::vector<double>* to : {&by_block[block], &by_sample[place.second]}) {
+          to->resize(sums.size(), 0);
+          for (size_t k = 0; k < sums.size(); ++k) (*to)[k] += squares[k];
+        }
+      }
+      if (row.points == 0) continue;
+      const bool whole = by_block.size() >= 3;
+      row.by_target = whole && row.by_target;
+      row.squares.resize(sums.size());
+      for (const auto& entry : whole ? by_block : by_sample)
+        for (size_t k = 0; k < sums.size(); ++k) row.squares[k].push_back(entry.second[k]);
+      row.blocks = static_cast<long>(row.squares.back().size());
+      for (const std::vector<double>& squares : row.squares)
+        row.rms.push_back(std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.0) /
+                                    static_cast<double>(row.points)));
+      out.push_back(std::move(row));
+    }
+  return out;
 }
 
 }  // namespace kincal

@@ -77,4 +77,23 @@ struct HeldOutSums {
 std::vector<HeldOutError> held_out_errors(const Rig& rig, const Blocks& blocks,
                                           const HeldOutSums& held_out);
 
+/// A ComparedError has the errors as read of one sensor (poses: of its translations or rotations)
+/// by several calibrations on the same points.
+struct ComparedError {
+  std::string sensor, unit;
+  long points = 0, blocks = 0;
+  bool by_target = false;        // blocks are targets
+  std::vector<double> rms = {};  // by calibration; NaN: it lacks points of the others
+  std::vector<std::vector<double>> squares = {};  // by calibration, by block
+  /// Returns the interval of the ratio of two of them.
+  Interval ratio(size_t of, size_t to) const {
+    return rms_ratio_interval(squares[of], squares[to]);
+  }
+};
+/// Returns the errors where each calibration but the first `may_lack` has as many points as the
+/// last, sensor by sensor.
+std::vector<ComparedError> compare_errors(const Rig& rig, const Blocks& blocks,
+                                          const std::vector<const HeldOutSums*>& sums,
+                                          size_t may_lack = 0);
+
 }  // namespace kincal

@@ -8,6 +8,7 @@
 #include "../../solver/decompositions.h"
 #include "../../solver/kernels.h"
 #include "../estimation/estimation.h"
+#include "../rig/configuration.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 
@@ -38,13 +39,11 @@ double consistency(const Loss& loss, int m) {
 }
 
 bool has_noisy_joint(const Rig& rig, const View& view) {
+  const Target& target = rig.targets[view.target];
   const Sensor& sensor = rig.sensors[view.sensor];
-  const int to = rig.targets[view.target].link >= 0 ? rig.targets[view.target].link : rig.base;
-  for (const PathStep& step : find_path(rig.tree, sensor.link, to)) {
-    if (!rig.tree.joints[step.joint].moves() || step.joint == sensor.scanning_joint) continue;
-    if (rig.joints[driver(rig.tree, step.joint).joint].sigma > 0) return true;
-  }
-  return false;
+  const std::vector<int> joints = joints_between(
+      rig, sensor.link, target.link < 0 ? rig.base : target.link, sensor.scanning_joint);
+  return std::any_of(joints.begin(), joints.end(), [&](int j) { return rig.joints[j].sigma > 0; });
 }
 
 /// Sums over the rows of one kind of noise.

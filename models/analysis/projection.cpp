@@ -98,6 +98,33 @@ MatrixXd columns_at(const RowMatrix& rows, const std::vector<int>& places, int o
   return out;
 }
 
+/// What a view says of the lens: derivatives by the board's pose and by the freed numbers, and how
+/// the pose follows these.
+struct ViewOfLens {
+  int sample;
+  Pose pose;
+  SeenPoints seen;
+  MatrixXd p, j, h, g;  // P, J, H^-1 and G of the header
+};
+
+std::vector<ViewOfLens> views_of_lens(const Solution& solution, int sensor,
+                                      const std::vector<int>& freed) {
+  std::vector<ViewOfLens> out;
+  for (int i : solution.training())
+    for (const View& view : solution.samples()[i].views) {
+      if (view.sensor != sensor) continue;
+      const Pose pose = camera_T_board(solution, i, view);
+      ViewOfLens one{i, pose, see(solution, view, pose), {}, {}, {}, {}};
+      if (!one.seen.good) continue;
+      one.p = one.seen.rows.leftCols<6>();
+      one.j = columns_at(one.seen.rows, freed, 6);
+      one.h = inverse_of_symmetric(one.p.transpose() * one.p);
+      one.g = one.h * (one.p.transpose() * one.j);
+      out.push_back(std::move(one));
+    }
+  return out;
+}
+
 }  // namespace
 
 Grid coverage(const Solution& solution, int sensor, const Eigen::Vector2d& image) {
@@ -118,20 +145,14 @@ Grid coverage(const Solution& solution, int sensor, const Eigen::Vector2d& image
 }
 
 std::vector<LensEquations> lens_equations(const Solution& solution, int sensor) {
-  const std::vector<int> freed = freed_numbers(solution, sensor);
   std::vector<LensEquations> out;
-  for (int i : solution.training())
-    for (const View& view : solution.samples()[i].views) {
-      if (view.sensor != sensor) continue;
-      const SeenPoints seen = see(solution, view, camera_T_board(solution, i, view));
-      if (!seen.good) continue;
-      const MatrixXd p = seen.rows.leftCols<6>(), j = columns_at(seen.rows, freed, 6);
-      const MatrixXd g = inverse_of_symmetric(p.transpose() * p) * (p.transpose() * j);
-      if (out.empty() || out.back().sample != i)
-        out.push_back({i, MatrixXd::Zero(g.cols(), g.cols()), VectorXd::Zero(g.cols())});
-      out.back().normal += j.transpose() * j - j.transpose() * p * g;
-      out.back().pull += g.transpose() * (p.transpose() * seen.off) - j.transpose() * seen.off;
-    }
+  for (const auto& [i, pose, seen, p, j, h, g] :
+       views_of_lens(solution, sensor, freed_numbers(solution, sensor))) {
+    if (out.empty() || out.back().sample != i)
+      out.push_back({i, MatrixXd::Zero(g.cols(), g.cols()), VectorXd::Zero(g.cols())});
+    out.back().normal += j.transpose() * j - j.transpose() * p * g;
+    out.back().pull += g.transpose() * (p.transpose() * seen.off) - j.transpose() * seen.off;
+  }
   return out;
 }
 
@@ -142,28 +163,21 @@ ProjectionError::ProjectionError(const Solution& solution, int sensor)
   Matrix6d sum_n = Matrix6d::Zero(), sum_nhn = Matrix6d::Zero();
   std::vector<double> distances;
   std::vector<Vector3d> normals;
-  for (int i : solution.training())
-    for (const View& view : solution.samples()[i].views) {
-      if (view.sensor != sensor) continue;
-      const Pose pose = camera_T_board(solution, i, view);
-      const SeenPoints seen = see(solution, view, pose);
-      if (!seen.good) continue;
-      const MatrixXd p = seen.rows.leftCols<6>(), j = columns_at(seen.rows, freed_, 6);
-      const MatrixXd h = inverse_of_symmetric(p.transpose() * p), b = p.transpose() * j, g = h * b;
-      Matrix6d weight = Matrix6d::Zero();
-      Vector3d centre = Vector3d::Zero();
-      for (const Vector3d& point : seen.points) {
-        const Eigen::Matrix<double, 3, 6> d = moved_by(point);
-        weight += d.transpose() * d;
-        centre += point / static_cast<double>(seen.points.size());
-      }
-      information += j.transpose() * j - b.transpose() * g;
-      sum_n += weight;
-      sum_ng += weight * g;
-      sum_nhn += weight * h * weight;
-      distances.push_back(centre.norm());
-      normals.push_back(pose.rotation.col(2));
+  for (const auto& [i, pose, seen, p, j, h, g] : views_of_lens(solution, sensor, freed_)) {
+    Matrix6d weight = Matrix6d::Zero();
+    Vector3d centre = Vector3d::Zero();
+    for (const Vector3d& point : seen.points) {
+      const Eigen::Matrix<double, 3, 6> d = moved_by(point);
+      weight += d.transpose() * d;
+      centre += point / static_cast<double>(seen.points.size());
     }
+    information += j.transpose() * j - j.transpose() * p * g;
+    sum_n += weight;
+    sum_ng += weight * g;
+    sum_nhn += weight * h * weight;
+    distances.push_back(centre.norm());
+    normals.push_back(pose.rotation.col(2));
+  }
   distance_ = median(distances, 0);
   for (const Vector3d& a : normals)
     for (const Vector3d& b : normals)

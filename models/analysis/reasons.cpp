@@ -126,33 +126,17 @@ std::pair<double, double> distance_from_axis(const Scene& scene, int joint) {
   return {off, far};
 }
 
-/// Angle by which targets turn before a sensor: the largest, and the largest about a second axis.
-std::pair<double, double> orientations(const Scene& scene, const std::vector<char>& sensors) {
-  std::pair<double, double> out = {0, 0};
+/// How far targets turn before the sensors.
+Turns orientations(const Scene& scene, const std::vector<char>& sensors) {
+  Turns out;
   for (size_t s = 0; s < sensors.size(); ++s) {
     if (!sensors[s]) continue;
-    std::vector<Vector3d> turns;
-    std::optional<Pose> first;
-    for (const Scene::Seen& v : scene.seen()) {
-      if (v.view->sensor != static_cast<int>(s)) continue;
-      const Pose pose = scene.sensor_T_target(scene.solution(), v);
-      if (!first) first = pose;
-      turns.push_back(log_so3(Matrix3d(pose.rotation * first->rotation.transpose())));
-    }
-    Matrix3d spread = Matrix3d::Zero();
-    double largest = 0;
-    for (const Vector3d& t : turns) {
-      spread += t * t.transpose();
-      largest = std::max(largest, t.norm());
-    }
-    Vector3d axis = Vector3d::UnitX();
-    for (int i = 0; i < 50; ++i)
-      if ((spread * axis).norm() > 0)
-        axis = (spread * (axis + Vector3d(1e-9, 2e-9, 3e-9))).normalized();
-    double second = 0;
-    for (const Vector3d& t : turns) second = std::max(second, (t - axis * axis.dot(t)).norm());
-    out.first = std::max(out.first, largest);
-    out.second = std::max(out.second, second);
+    std::vector<Matrix3d> rotations;
+    for (const Scene::Seen& v : scene.seen())
+      if (v.view->sensor == static_cast<int>(s))
+        rotations.push_back(scene.sensor_T_target(scene.solution(), v).rotation);
+    const Turns turns = turns_of(rotations);
+    out = {std::max(out.most, turns.most), std::max(out.others, turns.others)};
   }
   return out;
 }
@@ -197,12 +181,9 @@ class ReasonFinder {
 
   /// What to do with the first: a pose that the rig does not give has nothing to be held at.
   std::string hold_first() const {
-    const Rig& rig = scene_.rig();
     const Parameter& p = scene_.table().all[scene_.columns()[columns_[0]].parameter];
-    const bool absent =
-        (p.kind == ParameterKind::sensor_pose && !rig.sensors[p.owner].pose_given) ||
-        (p.kind == ParameterKind::target_pose && !rig.targets[p.owner].pose_given);
-    return (absent ? "give " + p.name + " in the rig, and fix " : "fix ") + first();
+    return (!is_given(scene_.rig(), p) ? "give " + p.name + " in the rig, and fix " : "fix ") +
+           first();
   }
 
   /// Components, those of one parameter together: "joint/a/origin (x, ry)".
@@ -364,13 +345,13 @@ class ReasonFinder {
           scene_.rig().sensors[s].model->measurement_kind() != MeasurementKind::rays)
         angles = false;
     const auto turned = orientations(scene_, effects_.sensors);
-    if (lens() && turned.second < 10 * kPi / 180) {
+    if (lens() && turned.others < 10 * kPi / 180) {
       out_.kind = "one_orientation";
       out_.why = names() + (grouped(true).size() > 1 ? " trade off" : " is weakly determined") +
                  ": the lens against the poses; targets turn by no more than " +
-                 angle_text(turned.second) +
-                 (turned.first < 10 * kPi / 180 ? " before the camera (one orientation)"
-                                                : " about a second axis before the camera");
+                 angle_text(turned.others) +
+                 (turned.most < 10 * kPi / 180 ? " before the camera (one orientation)"
+                                               : " about a second axis before the camera");
       out_.cure =
           "record views with the target tilted by 20 to 40 degrees about different axes, or fix " +
           first();

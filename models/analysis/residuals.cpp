@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
+#include <map>
 #include <numeric>
 #include <stdexcept>
 
@@ -43,6 +44,8 @@ void add_sums(const Rig& rig, const std::vector<ViewResiduals>& residuals,
 // Of the cost of a sample by itself: a step that lowers it by no more changes no figure that is
 // shown. (Several samples together are minimised to the end, as a calibration is.)
 constexpr double kCostStands = 1e-10;
+
+constexpr double kMiddleOfTails = 0.3;  // the median over the root mean square
 
 /// How samples are judged: everything shared is held but `free`.
 struct Judge {
@@ -118,11 +121,7 @@ void start_open_poses(const Recording& recording, const std::vector<int>& sample
   std::vector<int> unknown;
   for (const Freed& f : free) {
     const Parameter& p = recording.table.all[f.parameter];
-    const bool given =
-        p.kind == ParameterKind::sensor_pose
-            ? recording.rig.sensors[p.owner].pose_given
-            : p.kind != ParameterKind::target_pose || recording.rig.targets[p.owner].pose_given;
-    if (!given && f.whole(p)) unknown.push_back(f.parameter);
+    if (!is_given(recording.rig, p) && f.whole(p)) unknown.push_back(f.parameter);
   }
   if (!unknown.empty()) start_unknown_poses(recording, samples, unknown, values);
 }
@@ -257,19 +256,33 @@ void append(std::vector<ViewResiduals>& from, std::vector<ViewResiduals>& to) {
 
 }  // namespace
 
-bool neighbours_err_alike(const Solution& solution, const Residuals& residuals) {
+bool neighbours_err_alike(const std::vector<Sample>& samples,
+                          const std::vector<ViewResiduals>& views) {
   constexpr double kAlike = 0.3;  // correlation
   double products = 0, squares = 0;
-  for (const ViewResiduals& v : residuals.after) {
+  for (const ViewResiduals& v : views) {
     const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
-    if (!solution.samples()[v.sample].train || points < 4 || v.raw.size() < points ||
-        !v.raw.allFinite())
+    if (!samples[v.sample].train || points < 4 || v.raw.size() < points || !v.raw.allFinite())
       continue;
     const Eigen::Index rows = v.raw.size() / points, rest = v.raw.size() - rows;
     products += v.raw.head(rest).dot(v.raw.tail(rest));
     squares += v.raw.head(rest).squaredNorm();
   }
   return products > kAlike * squares;
+}
+
+bool few_are_far(const std::vector<Sample>& samples, const std::vector<ViewResiduals>& views) {
+  std::map<int, std::pair<std::vector<double>, Mean>> by_sensor;  // sizes, squares
+  for (const ViewResiduals& v : views) {
+    if (!samples[v.sample].train || !v.whitened.allFinite()) continue;
+    auto& [sizes, squares] = by_sensor[v.view->sensor];
+    for (const double r : v.whitened) sizes.push_back(std::abs(r));
+    squares.sum += v.whitened.squaredNorm();
+    squares.count += v.whitened.size();
+  }
+  return std::any_of(by_sensor.begin(), by_sensor.end(), [](const auto& s) {
+    return median(s.second.first) < kMiddleOfTails * std::sqrt(s.second.second.value());
+  });
 }
 
 SensorResult unseen(const Sensor& sensor) {

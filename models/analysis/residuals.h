@@ -98,7 +98,11 @@ Evaluation evaluate(const Recording& recording, NoiseMode noise,
 
 /// Returns whether the errors of neighbouring points in the training views are correlated. Noise is
 /// not correlated; a bent, turned, shifted or wrongly sized object causes correlation.
-bool neighbours_err_alike(const Solution& solution, const Residuals& residuals);
+bool neighbours_err_alike(const std::vector<Sample>& samples,
+                          const std::vector<ViewResiduals>& views);
+/// Returns whether a few residuals of a sensor in training views are far larger than its others:
+/// the middle one is far below the root mean square (of noise it is two thirds of it).
+bool few_are_far(const std::vector<Sample>& samples, const std::vector<ViewResiduals>& views);
 
 /// Returns the result of a sensor without any view.
 SensorResult unseen(const Sensor& sensor);

@@ -256,7 +256,8 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
   FitOptions fit_options = fit_options_of(options, "widths");
   bool settled = false;
   FixedPoint steps = noise_steps();
-  if (options.scale_noise) out.noise_factor = options.begin.noise_factor;
+  const bool scaled = options.noise_is == StatedNoise::scaled;
+  if (scaled) out.noise_factor = options.begin.noise_factor;
   for (int pass = 0;; ++pass) {
     const Recording& recording = *out.recording;
     options.progress.stage("widths, round " + std::to_string(pass + 1));
@@ -283,7 +284,8 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     if (!settled) continue;  // (what is far off would be taken for noise)
     fit_options.solver.max_iterations = kFitIterations;
     NoisyRecording next{out.recording, {}};
-    if (options.scale_noise) next.factor = out.noise_factor;
+    if (scaled) next.factor = out.noise_factor;
+    if (options.noise_is == StatedNoise::wrong) next.stated = &given.rig;
     const double moved = move_noise(data, out.problem, factor, steps, next);
     out.at_rest = moved < kNoiseAtRest;
     const bool ends = moved == 0 || (out.at_rest && out.outcome != Outcome::not_converged);

@@ -479,15 +479,11 @@ void place_stated(const Recording& recording, const std::vector<char>& used, Aut
       for (int c : f.components) {
         const Component component{f.parameter, c};
         const auto is = [&](const Member& m) { return m.component == component; };
-        for (std::vector<Member>* members : [&] {
-               std::vector<std::vector<Member>*> all = {&out.stated};
-               for (WidthGroup& g : out.groups) all.push_back(&g.members);
-               return all;
-             }()) {
-          const auto found = std::find_if(members->begin(), members->end(), is);
-          if (found == members->end()) continue;
-          members->erase(found);
-        }
+        const auto drop = [&](std::vector<Member>& members) {
+          members.erase(std::remove_if(members.begin(), members.end(), is), members.end());
+        };
+        drop(out.stated);
+        for (WidthGroup& g : out.groups) drop(g.members);
         if (used[f.parameter])
           out.stated.push_back(
               {component, prior.split && c >= 3 ? prior.rotation : prior.translation});

@@ -5,13 +5,13 @@
 #include <set>
 #include <utility>
 
-#include "../analysis/noise_levels.h"
+#include "../rig/configuration.h"
 #include "../rig/numbers.h"
 
 namespace kincal {
 namespace {
 
-constexpr double kSmallestFactor = 0.1;  // of stated sigmas: ten times too large is a mistake
+constexpr double kMostMisstated = 10;  // times a stated sigma: more is a mistake
 
 }  // namespace
 
@@ -23,9 +23,7 @@ std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, 
   for (const auto& [s, t] : seen) {
     const Sensor& sensor = rig.sensors[s];
     const int to = rig.targets[t].link >= 0 ? rig.targets[t].link : rig.base;
-    for (const PathStep& step : find_path(rig.tree, sensor.link, to)) {
-      if (!rig.tree.joints[step.joint].moves() || step.joint == sensor.scanning_joint) continue;
-      const int j = driver(rig.tree, step.joint).joint;
+    for (const int j : joints_between(rig, sensor.link, to, sensor.scanning_joint)) {
       JointSettings& joint = rig.joints[j];
       if (mode != NoiseMode::latent || joint.sigma != 0 || !rig.tree.joints[j].drives() ||
           rig.tree.joints[j].axis_of_pose == PoseAxis::reading)  // (its errors are joints)
@@ -35,6 +33,11 @@ std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, 
     }
   }
   return make_recording(recording.with_rig(std::move(rig)));
+}
+
+double first_sigma(const Rig& rig, const NoiseLevel& level) {
+  return level.joint >= 0 ? rig.joints[level.joint].sigma
+                          : rig.sensors[level.sensor].sigma[level.first];
 }
 
 FixedPoint noise_steps() {
@@ -47,7 +50,7 @@ FixedPoint noise_steps() {
 double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
                   FixedPoint& steps, NoisyRecording& noisy) {
   const Rig& rig = noisy.recording->rig;
-  if (!noisy.factor &&
+  if (!noisy.factor && !noisy.stated &&
       std::all_of(rig.joints.begin(), rig.joints.end(),
                   [](const JointSettings& j) { return j.noise_guess == 0; }) &&
       std::all_of(rig.sensors.begin(), rig.sensors.end(),
@@ -62,13 +65,17 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
   VectorXd now = VectorXd::Zero(count + 1), seen = now;
   for (Eigen::Index i = 0; i < count; ++i) {
     if (!std::isfinite(levels[i].seen)) continue;
-    const double moved = std::log(levels[i].seen / levels[i].assumed);
+    const double moved = std::log(levels[i].seen / levels[i].assumed),
+                 most = std::log(kMostMisstated);
     if (levels[i].guess > 0) {
       now(i) = std::log(levels[i].assumed);
       seen(i) = now(i) + moved;
+    } else if (noisy.stated) {
+      now(i) = std::log(first_sigma(rig, levels[i]) / first_sigma(*noisy.stated, levels[i]));
+      seen(i) = std::clamp(now(i) + moved, -most, most);
     } else if (noisy.factor) {
       now(count) = std::log(*noisy.factor);
-      seen(count) = std::clamp(now(count) + moved, std::log(kSmallestFactor), 0.0);
+      seen(count) = std::clamp(now(count) + moved, -most, 0.0);
     }
   }
   const double moved = (seen - now).cwiseAbs().maxCoeff();
@@ -78,7 +85,7 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
   if (noisy.factor) *noisy.factor *= times;
   for (Eigen::Index i = 0; i < count; ++i) {
     NoiseLevel& level = levels[i];
-    const double by = level.guess > 0 ? std::exp(next(i) - now(i)) : times;
+    const double by = level.guess > 0 || noisy.stated ? std::exp(next(i) - now(i)) : times;
     level.seen = by == 1 ? kNan : level.assumed * by;
   }
   noisy.recording = make_recording(scale_noise(*noisy.recording, levels));

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "../../solver/fixed_point.h"
+#include "../analysis/noise_levels.h"
 #include "width_problem.h"
 
 namespace kincal {
@@ -15,16 +16,20 @@ namespace kincal {
 /// guessed where nobody states that, or where they are stated exact, which no reading is.
 std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, NoiseMode mode);
 
+/// Returns the sigma of a level in a rig; of a part of a sensor, its first.
+double first_sigma(const Rig& rig, const NoiseLevel& level);
+
 /// Returns what a calibration accelerates its steps of the noise with.
 FixedPoint noise_steps();
 
 /// A recording whose noise is estimated.
 struct NoisyRecording {
   std::shared_ptr<const Recording> recording;
-  std::optional<double> factor;  // of all stated sigmas, applied in it; none: they are right
+  std::optional<double> factor;  // of all stated sigmas, applied in it; none: they have none
+  const Rig* stated = nullptr;  // with sigmas of which each has a factor of its own; null: none has
 };
 
-/// Moves noise that is not stated, and the factor, towards what the data show, at a fit with these
+/// Moves noise that is not stated, and the factors, towards what the data show, at a fit with these
 /// widths. Returns by how much the data move it at most, of a logarithm. 0: nothing is unknown.
 double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
                   FixedPoint& steps, NoisyRecording& noisy);

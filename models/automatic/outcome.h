@@ -64,7 +64,7 @@ struct AutomaticCalibration {
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::vector<OtherModel> other_models;
-  double noise_factor = 1;    // of all stated sigmas, with `scale_noise`
+  double noise_factor = 1;    // of all stated sigmas, with StatedNoise::scaled
   bool noise_at_rest = true;  // false: noise still changed in the last round
   std::vector<TriedGroup> tried;
   std::vector<Stage> stages;  // before each further model that was kept and that `begin` lacked;
@@ -79,10 +79,14 @@ struct Begin {
   double noise_factor = 1;  // of stated sigmas, by which the recording's are multiplied
 };
 
+/// How far the stated sigmas are right: as they are, but for one factor of all, or each by its own.
+/// Unknown factors, of at most ten, are estimated.
+enum class StatedNoise { right, scaled, wrong };
+
 struct AutomaticOptions : CalibrationOptions {
   GroupChoice groups;
   Begin begin;
-  bool scale_noise = false;  // all stated sigmas have one unknown factor, which is estimated
+  StatedNoise noise_is = StatedNoise::right;
 };
 
 }  // namespace kincal

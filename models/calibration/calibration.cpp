@@ -87,7 +87,7 @@ Fit fit_step(const StepPlan& plan, const CalibrationOptions& options, const Step
   const Progress progress = options.progress.in(plan.name);
   progress.iteration(0);
   fit_options.solver.progress = progress;
-  fit_options.starting = progress.in("starting values");
+  fit_options.targets.progress = progress.in("starting values");
   fit_options.keep_solver = kind.keep_solver;
   fit_options.restart_targets = kind.last;  // (the others are to fit badly, and lead there)
   Fit out;

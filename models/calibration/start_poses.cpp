@@ -6,6 +6,7 @@
 
 #include "../fitting/unknown_poses.h"
 #include "../rig/scales.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -33,11 +34,6 @@ HowFreed how_freed(const std::vector<StepPlan>& plans, const ParameterTable& tab
 /// Whether a parameter is the pose of a sensor or of a mounted target.
 bool is_pose_of_body(const Parameter& p) {
   return p.kind == ParameterKind::sensor_pose || p.kind == ParameterKind::target_pose;
-}
-
-bool is_given(const Rig& rig, const Parameter& p) {
-  return p.kind == ParameterKind::sensor_pose ? rig.sensors[p.owner].pose_given
-                                              : rig.targets[p.owner].pose_given;
 }
 
 /// Poses that the rig leaves open and the steps free wholly, without a prior.

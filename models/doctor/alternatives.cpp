@@ -6,6 +6,7 @@
 
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
+#include "../rig/selection.h"
 
 namespace kincal {
 namespace {
@@ -28,17 +29,13 @@ bool is_sought(const ParameterTable& table, int parameter, const Hypothesis* h) 
 
 /// The log density of parameters that the steps free without a prior, where they came out.
 double log_moved(const Recording& recording, const TrialFit& fit, const Hypothesis* h) {
-  const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   double out = is_impossible(recording, fit) ? Thresholds::impossible : 0;
   for (const Freed& freed : fit.setup.free) {
     const Parameter& p = table.all[freed.parameter];
     if (p.pose) {
-      const bool given = p.kind == ParameterKind::sensor_pose   ? rig.sensors[p.owner].pose_given
-                         : p.kind == ParameterKind::target_pose ? rig.targets[p.owner].pose_given
-                                                                : true;
       if (!freed.whole(p)) continue;
-      if (!given) {  // (3 + 1) / 2
+      if (!is_given(recording.rig, p)) {  // (3 + 1) / 2
         out -= 2 * std::log1p(get_pose(fit.values.shared, p.start).translation.squaredNorm());
         continue;
       }

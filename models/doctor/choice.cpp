@@ -51,8 +51,6 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t) {
 
 namespace {
 
-constexpr double kBearing = 10;        // sigmas: beyond, a first look bears what is wrong besides
-constexpr size_t kMostRobust = 5;      // hypotheses of which robust fits are made
 constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
 constexpr size_t kMostLooks = 4;       // hypotheses that are weighed with all samples
 constexpr size_t kMostOfOne = 2;       // of these, of one kind about one thing
@@ -266,122 +264,6 @@ class Weighing {
   Look best_at_{-kInfinity, 0};
 };
 
-/// The hypotheses that pairs are made of: those that free nothing but sizes.
-std::vector<Hypothesis> of_pairs(const Recording& recording, const FitSpec& spec) {
-  std::vector<Hypothesis> out = hypotheses(recording.rig, recording.table, recording.samples,
-                                           freed_names(recording.table, spec));
-  out.erase(std::remove_if(out.begin(), out.end(),
-                           [](const Hypothesis& h) {
-                             return h.ignored_joint >= 0 || !h.free.empty() || h.rescaled >= 0;
-                           }),
-            out.end());
-  return out;
-}
-
-TrialContext bearing_outliers(TrialContext context) {
-  context.all.loss = Loss{LossKind::cauchy, kBearing};
-  return context;
-}
-
-/// The few hypotheses that lower most what a fit that bears outliers leaves of the median sample.
-std::vector<size_t> bearing_looks(const Recording& recording, const TrialContext& context,
-                                  const std::vector<Hypothesis>& all) {
-  const TrialContext bearing = bearing_outliers(context);
-  const Recording some = recording.with_samples(some_samples(recording, context.all.free.size()));
-  std::vector<std::pair<double, size_t>> order;
-  for (size_t i = 0; i < all.size(); ++i) {
-    context.progress.share(static_cast<double>(i), static_cast<double>(all.size()));
-    if (all[i].many) continue;
-    const Trial t = try_hypothesis(some, bearing, all[i], {10, 1e-2});
-    if (const double typical = t.fit.typical(); std::isfinite(typical))
-      order.push_back({typical, i});
-  }
-  std::sort(order.begin(), order.end());
-  std::vector<size_t> out;
-  for (size_t k = 0; k < order.size() && k < kMostRobust; ++k) out.push_back(order[k].second);
-  return out;
-}
-
-/// Tries second mistakes on top of first ones, and keeps the likeliest pair.
-class PairSearch {
- public:
-  PairSearch(const Recording& recording, const TrialContext& context,
-             const std::vector<Hypothesis>& all)
-      : recording_(recording), context_(context), all_(all) {}
-
-  /// Tries the likeliest usual mistakes on top of a first.
-  void add_usual(const Hypothesis& first) {
-    const Trial one = try_hypothesis(recording_, context_, first, {20, 1e-3});
-    if (!std::isfinite(one.cost)) return;
-    weigh_alone(first, one);
-    const TrialContext further = with_spec(one);
-    std::vector<Hypothesis> others = of_pairs(one.recording, one.spec);
-    if (!first.squares.empty())
-      others.erase(std::remove_if(others.begin(), others.end(),
-                                  [](const Hypothesis& h) { return !h.squares.empty(); }),
-                   others.end());
-    for (const Look& look : shortlist(one.recording, further, one.fit, others, 0, others.size()))
-      add(first, one, further, others[look.index]);
-  }
-
-  /// Tries what a robust fit leaves behind: the first is of all samples, and a few are wrong
-  /// besides, which hide in chi2 what it explains.
-  void add_suspects(const Hypothesis& first) {
-    const Trial one = try_hypothesis(recording_, bearing_outliers(context_), first, {15, 1e-3});
-    const TrialContext further = with_spec(one);
-    const TrialFit robust = robust_fit(one.recording, further);
-    weigh_alone(first, try_hypothesis(recording_, context_, first, {20, 1e-3}));
-    std::vector<Hypothesis> others = turned_views(one.recording, robust);
-    for (auto h : {outlier_points(one.recording, further, robust),
-                   bad_samples(one.recording, further, robust)})
-      if (h) others.push_back(std::move(*h));
-    for (const Hypothesis& second : others) add(first, one, further, second);
-  }
-
-  std::optional<Mistakes> take() { return std::move(best_); }
-  /// The first mistake that is likeliest alone.
-  const std::optional<Hypothesis>& alone() const { return alone_; }
-
- private:
-  TrialContext with_spec(const Trial& one) const {
-    TrialContext out = context_;
-    out.all = one.spec;
-    out.all.loss = context_.all.loss;
-    out.given_poses_freed = frees_given_poses(one.recording, one.spec);
-    return out;
-  }
-
-  void weigh_alone(const Hypothesis& first, const Trial& one) {
-    const double rough = rough_log_evidence(one.recording, one.fit, &first) +
-                         log_left_out(recording_, one.recording, one.fit) +
-                         log_prior(first.rarer, alike(all_, first.kind));
-    if (!(rough > rough_alone_)) return;
-    rough_alone_ = rough;
-    alone_ = first;
-  }
-
-  void add(const Hypothesis& first, const Trial& one, const TrialContext& further,
-           const Hypothesis& second) {
-    const double give_up = best_ ? kHopeless * best_->trial.cost : kInfinity;
-    Trial two = try_hypothesis(one.recording, further, second, {100, 1e-9, false, give_up});
-    if (!std::isfinite(two.cost)) return;
-    const double prior = log_prior(first.rarer, alike(all_, first.kind)) +
-                         log_prior(second.rarer, alike(all_, second.kind)),
-                 rough = rough_log_evidence(two.recording, two.fit, &second) +
-                         log_left_out(recording_, two.recording, two.fit) + prior;
-    if (!(rough > rough_)) return;
-    rough_ = rough;
-    best_.emplace(Mistakes{{first, second}, std::move(two), prior, 0});
-  }
-
-  const Recording& recording_;
-  const TrialContext& context_;
-  const std::vector<Hypothesis>& all_;
-  double rough_ = -kInfinity, rough_alone_ = -kInfinity;
-  std::optional<Mistakes> best_;
-  std::optional<Hypothesis> alone_;
-};
-
 }  // namespace
 
 std::optional<AcceptedHypothesis> choose(const Recording& recording, const TrialContext& context,
@@ -436,43 +318,23 @@ std::optional<AcceptedHypothesis> choose(const Recording& recording, const Trial
   return weighing.found() ? weighing.take() : std::nullopt;
 }
 
-std::optional<Mistakes> choose_two(const Recording& recording, const TrialContext& context,
-                                   const TrialFit& now) {
-  const std::vector<Hypothesis> all = of_pairs(recording, context.all);
-  PairSearch search(recording, context, all);
-  if (all.size() <= kMostForPairs)
-    for (const Look& look : shortlist(recording, context, now, all, 0, all.size()))
-      search.add_usual(all[look.index]);
-  for (const size_t index : bearing_looks(recording, context, all)) search.add_suspects(all[index]);
-  std::optional<Mistakes> best = search.take();
-  if (!best) return std::nullopt;
-  const auto log_of = [&](const Mistakes& of) {
-    const Trial& t = of.trial;
-    return log_evidence(t.recording, context, t.spec, t.fit) +
-           log_left_out(recording, t.recording, t.fit) + of.log_prior;
+std::vector<AcceptedHypothesis> first_looks(const Recording& recording, const TrialContext& context,
+                                            const TrialFit& now) {
+  std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples,
+                                           freed_names(recording.table, context.all));
+  const auto frees = [](const Hypothesis& h) {  // more than sizes
+    return h.ignored_joint >= 0 || !h.free.empty() || h.rescaled >= 0;
   };
-  best->log_evidence = log_of(*best);
-  Subjects about;
-  for (const Hypothesis& h : best->hypotheses)
-    about.insert(about.end(), h.where.begin(), h.where.end());
-  const double as_is = log_evidence(recording, context, context.all, now) +
-                       log_left_out(recording, recording, now),
-               by_chance = log_by_chance({{recording, now}},
-                                         {{best->trial.recording, best->trial.fit}}, about);
-  if (!(best->log_evidence - as_is - by_chance > kFound)) return std::nullopt;
-  const double of_both = best->log_evidence;
-  std::vector<Hypothesis> singles = best->hypotheses;
-  if (search.alone()) singles.push_back(*search.alone());
-  for (const Hypothesis& h : singles) {
-    Trial t = try_hypothesis(recording, context, h, {100, 1e-9});
-    if (!std::isfinite(t.cost)) continue;
-    Mistakes one{{h}, std::move(t), log_prior(h.rarer, alike(all, h.kind)), 0};
-    one.log_evidence = log_of(one);
-    if (of_both - one.log_evidence < kFound &&
-        (best->hypotheses.size() > 1 || one.log_evidence > best->log_evidence))
-      best.emplace(std::move(one));
+  all.erase(std::remove_if(all.begin(), all.end(), frees), all.end());
+  std::vector<AcceptedHypothesis> out;
+  if (all.size() > kMostForPairs) return out;
+  for (const Look& look : shortlist(recording, context, now, all, 0, all.size())) {
+    const Hypothesis& h = all[look.index];
+    Trial t = try_hypothesis(recording, context, h, {20, 1e-3});
+    if (std::isfinite(t.cost) && makes_sense(recording.rig, h, t))
+      out.push_back({h, std::move(t), 0, {}});
   }
-  return best;
+  return out;
 }
 
 }  // namespace kincal

@@ -18,14 +18,6 @@ struct AcceptedHypothesis {
   std::vector<Alternative> as_likely;  // other kinds that may be the cause as well
 };
 
-/// Mistakes that explain together what neither does alone; the trial is without them.
-struct Mistakes {
-  std::vector<Hypothesis> hypotheses;  // two; one that is as likely alone
-  Trial trial;
-  double log_prior;     // of all
-  double log_evidence;  // with it
-};
-
 /// Returns factors by which the sizes of a hypothesis are to be changed. Empty where the scale
 /// factors contradict each other, change nothing or collapse the target.
 std::vector<double> size_factors(const Rig& rig, const Hypothesis& h, const Trial& t);
@@ -39,10 +31,9 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t);
 std::optional<AcceptedHypothesis> choose(const Recording& recording, const TrialContext& context,
                                          const TrialFit& now);
 
-/// Looks for a second mistake on top of each of the few that lower chi2 most, however little, and
-/// for samples, views and points that are wrong besides on top of each of the few that explain most
-/// samples best.
-std::optional<Mistakes> choose_two(const Recording& recording, const TrialContext& context,
-                                   const TrialFit& now);
+/// Returns what may be the first of two mistakes, undone: the likeliest few, however little they
+/// explain.
+std::vector<AcceptedHypothesis> first_looks(const Recording& recording, const TrialContext& context,
+                                            const TrialFit& now);
 
 }  // namespace kincal

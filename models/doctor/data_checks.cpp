@@ -226,57 +226,49 @@ void find_repeated_views(const Rig& rig, const std::vector<Sample>& samples,
 }  // namespace
 
 std::vector<Notice> find_duplicates(const Rig& rig, const std::vector<Sample>& samples) {
-  struct Key {
+  std::map<std::vector<double>, std::vector<size_t>> same;  // samples by all their numbers
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const Sample& s = samples[i];
     std::vector<double> numbers;
-    bool operator<(const Key& o) const { return numbers < o.numbers; }
-  };
-  std::map<Key, std::vector<std::string>> same;
-  std::vector<const Key*> order;
-  for (const Sample& s : samples) {
-    Key key;
     bool measured = false;
-    for (double q : s.readings) key.numbers.push_back(std::isnan(q) ? kInfinity : q);
+    for (double q : s.readings) numbers.push_back(std::isnan(q) ? kInfinity : q);
     std::vector<std::vector<double>> views;
     for (const View& v : s.views) {
       std::vector<double> one = {static_cast<double>(v.sensor), static_cast<double>(v.target)};
       one.insert(one.end(), v.ids.begin(), v.ids.end());
       one.insert(one.end(), v.z.begin(), v.z.end());
-      measured = measured || std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
+      measured = measured ||
+                 rig.sensors[v.sensor].model->measurement_kind() != MeasurementKind::chain ||
+                 std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
       views.push_back(std::move(one));
     }
-    if (!measured && std::any_of(s.views.begin(), s.views.end(), [&](const View& v) {
-          return rig.sensors[v.sensor].model->measurement_kind() == MeasurementKind::chain;
-        }))
-      continue;
-    if (s.views.empty()) continue;
     std::sort(views.begin(), views.end());
-    for (const auto& v : views) key.numbers.insert(key.numbers.end(), v.begin(), v.end());
-    const auto found = same.try_emplace(std::move(key)).first;
-    if (found->second.empty()) order.push_back(&found->first);
-    found->second.push_back(s.id);
+    for (const auto& v : views) numbers.insert(numbers.end(), v.begin(), v.end());
+    if (measured) same[numbers].push_back(i);
   }
-  std::vector<std::string> all;
-  size_t measurements = 0;
-  const std::vector<std::string>* worst = nullptr;
-  for (const Key* key : order) {
-    const std::vector<std::string>& ids = same[*key];
-    if (ids.size() < 2) continue;
-    ++measurements;
-    all.insert(all.end(), ids.begin(), ids.end());
-    if (!worst || ids.size() > worst->size()) worst = &ids;
-  }
+  std::vector<std::vector<size_t>> groups;  // in the order of their first samples
+  for (auto& entry : same)
+    if (entry.second.size() > 1) groups.push_back(std::move(entry.second));
+  std::sort(groups.begin(), groups.end());
   std::vector<Notice> out;
   find_repeated_views(rig, samples, out);
-  if (!worst) return out;
-  std::string what;
-  if (measurements > 1)
-    what = std::to_string(all.size()) + " samples are " + std::to_string(measurements) +
-           " measurements under several ids each, worst: ";
-  what += "samples " + joined(*worst) + " are the same: joint readings and measured numbers";
-  out.push_back(
-      make_notice(NoticeKind::same_samples, subjects(Subject::Kind::sample, all), what,
-                  "they count as " + std::to_string(worst->size()) + " measurements but are one",
-                  std::string("leave out all but one") + (measurements > 1 ? " of each" : "")));
+  if (groups.empty()) return out;
+  std::vector<std::string> all, worst;
+  for (const std::vector<size_t>& group : groups) {
+    std::vector<std::string> ids;
+    for (const size_t i : group) ids.push_back(samples[i].id);
+    all.insert(all.end(), ids.begin(), ids.end());
+    if (ids.size() > worst.size()) worst = std::move(ids);
+  }
+  const bool more = groups.size() > 1;
+  out.push_back(make_notice(
+      NoticeKind::same_samples, subjects(Subject::Kind::sample, all),
+      (more ? std::to_string(all.size()) + " samples are " + std::to_string(groups.size()) +
+                  " measurements under several ids each, worst: "
+            : "") +
+          "samples " + joined(worst) + " are the same: joint readings and measured numbers",
+      "they count as " + std::to_string(worst.size()) + " measurements but are one",
+      std::string("leave out all but one") + (more ? " of each" : "")));
   if (kMuchTwice * all.size() <= samples.size()) out.back().severity = Severity::remark;
   return out;
 }

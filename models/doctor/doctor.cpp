@@ -138,6 +138,12 @@ struct State {
            log_prior(false, 1) * static_cast<double>(findings.size());
   }
   double log() const { return log_evidence(*recording, context, context.all, now) + log_besides(); }
+  /// What the findings are about.
+  Subjects about() const {
+    Subjects out;
+    for (const Notice& f : findings) out.insert(out.end(), f.where.begin(), f.where.end());
+    return out;
+  }
   double log_either_way() const {
     return log_evidence_either_way(*with_guessed_readings(recording, context), context, now) +
            log_besides();
@@ -182,30 +188,32 @@ bool explain(State& state) {
   return true;
 }
 
-/// As explain(), of two mistakes at once, where their evidence is at least this.
-bool explain_two(State& state, double least_log) {
-  std::optional<Mistakes> best = choose_two(*state.recording, state.context, state.now);
-  if (!best || best->log_evidence < least_log) return false;
-  Rig rig = best->trial.recording.rig;
-  AcceptedHypothesis one{{}, std::move(best->trial), 0, {}};
-  for (Hypothesis& h : best->hypotheses) {
-    if (h.squares.empty()) continue;
-    if (size_factors(state.recording->rig, h, one.trial).empty()) return false;
-    one.hypothesis = std::move(h);
-    scale(state.recording->rig, one, rig);
-    h = std::move(one.hypothesis);
+/// What is likeliest with two mistakes undone: each of the first looks, and what is found on top of
+/// it; without findings where no pair is likelier than the data as they are.
+State explain_two(const State& as_given) {
+  State best = as_given;
+  double most = as_given.log() + kFound;
+  for (AcceptedHypothesis& first :
+       first_looks(*as_given.recording, as_given.context, as_given.now)) {
+    State two = as_given;
+    undo_and_tell(std::move(first), {}, two);
+    if (!explain(two)) continue;
+    const double log = two.log() - log_by_chance({{*as_given.recording, as_given.now}},
+                                                 {{*two.recording, two.now}}, two.about());
+    if (!(log > most)) continue;
+    most = log;
+    best = std::move(two);
   }
-  const size_t count = best->hypotheses.size();
-  Evidence evidence = prove_by_chi2(state.now, one.trial.fit, count > 1 ? "both" : "this mistake");
-  const std::string sentences = evidence.sentences;
-  for (size_t i = 0; i < count; ++i) {
-    if (count > 1)
-      evidence.sentences = std::string("This and ") + id(best->hypotheses[1 - i].kind) +
-                           " are two mistakes; neither alone explains the data. " + sentences;
-    state.findings.push_back(word(best->hypotheses[i], evidence));
+  const Evidence evidence = prove_by_chi2(as_given.now, best.now, "both");
+  for (Notice& f : best.findings) {
+    const bool is_first = &f == &best.findings.front();
+    f.chi2_as_is = evidence.before;
+    f.chi2_corrected = evidence.after;
+    f.why = std::string("This and ") +
+            id((is_first ? best.findings.back() : best.findings.front()).kind) +
+            " are two mistakes; neither alone explains the data. " + evidence.sentences;
   }
-  state.undo(std::move(one.trial), std::move(rig));
-  return true;
+  return best;
 }
 
 /// joint_noise(), of readings whose noise nobody states as well.
@@ -456,9 +464,10 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
   }
   if (!still_joint && hopeless()) {
     // What leaves more than any noise may have been believed in place of two others.
-    State two = as_given;
-    two.context.tried = nullptr;
-    if (explain_two(two, state.findings.empty() ? -kInfinity : state.log() + kFound))
+    State one = as_given;
+    one.context.tried = nullptr;
+    State two = explain_two(one);
+    if (!two.findings.empty() && (state.findings.empty() || two.log() > state.log() + kFound))
       state = std::move(two);
   }
   bool changed = false;

@@ -29,7 +29,6 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_mirrored_points(rig, observations, out);
   add_units(rig, observations, out);
   add_poses(rig, observations, out);
-  add_quaternions(rig, observations, out);
   add_sides(rig, observations, out);
   add_baselines(rig, table, observations, freed, out);
   add_exchanges(rig, observations, out);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <set>
 
@@ -21,31 +22,14 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples,
     const Joint& joint = rig.tree.joints[j];
     const double low = range.second.first, high = range.second.second;
     if (high - low > 1e-9) {
-      Hypothesis h;
-      h.kind = NoticeKind::joint_sign;
-      h.where = {Subject::joint(joint.name)};
-      h.mistake =
-          "joint " + quoted(joint.name) +
-          " turns the other way: its readings, or its axis in the URDF, have the wrong sign";
-      if (joint.type == JointType::prismatic)
-        h.mistake =
-            "joint " + quoted(joint.name) +
-            " moves the other way: its readings, or its axis in the URDF, have the wrong sign";
-      h.cure = "change the sign of its readings, or of its <axis> in the URDF";
-      h.undo = [j](Rig& r, std::vector<Sample>& s) {
-        change_readings(r, s, j, [](double q) { return -q; });
-      };
-      out.push_back(h);
+      out.push_back(wrong_signs(rig, {j}));
     } else if (samples.size() > 1) {
-      Hypothesis h;
-      h.kind = NoticeKind::still_joint;
-      h.where = {Subject::joint(joint.name)};
-      h.mistake =
-          "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved";
-      h.cure = "record its readings: the recorded value is constant";
-      h.ignored_joint = j;
-      h.undo = [](Rig&) {};
-      out.push_back(h);
+      out.push_back(
+          {NoticeKind::still_joint,
+           {Subject::joint(joint.name)},
+           "joint " + quoted(joint.name) + " has the same reading in all samples, but it moved",
+           "record its readings: the recorded value is constant"});
+      out.back().ignored_joint = j;
     }
     if (joint.type == JointType::prismatic) continue;
     const double most = std::max(std::abs(low), std::abs(high));
@@ -62,8 +46,7 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples,
   if (too_far.size() > 1)
     for (int j : too_far) groups.push_back({j});
   for (const std::vector<int>& group : groups) {
-    Hypothesis h;
-    h.kind = NoticeKind::degrees;
+    Hypothesis h{NoticeKind::degrees};
     for (int j : group) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
     std::string names;
     for (const std::string& name : names_of(h.where))
@@ -71,9 +54,7 @@ void add_joints(const Rig& rig, const std::vector<Sample>& samples,
     h.mistake = std::string("the readings of joint") + (group.size() > 1 ? "s " : " ") + names +
                 " are degrees";
     h.cure = "write radians: multiply them by pi / 180";
-    h.undo = [group](Rig& r, std::vector<Sample>& s) {
-      for (int j : group) change_readings(r, s, j, [](double q) { return q * kPi / 180; });
-    };
+    h.undo = of_readings(group, [](double q) { return q * kPi / 180; });
     out.push_back(h);
   }
 }
@@ -87,6 +68,12 @@ constexpr double kKept = 0.8;
 constexpr size_t kFewest = 4;          // samples to be shifted
 constexpr double kOneMotion = 0.5;     // of second to first differences, squared: one motion
 constexpr double kShortestLag = 0.01;  // of the time between samples
+
+const char* const kEverySample = "the views of every sample";
+const char* const kPairAgain =
+    "pair readings and views of the same time: one of the two logs starts a sample too early or "
+    "too "
+    "late";
 
 using ReadingsOf = std::map<std::string, std::vector<double>>;  // by sample
 
@@ -108,6 +95,20 @@ std::vector<long> growing_numbers(const std::vector<Sample>& samples,
     const long number = number_of(samples[i].id);
     if (number < 0 || (!out.empty() && number <= out.back())) return {};
     out.push_back(number);
+  }
+  return out;
+}
+
+/// Readings moved by a share of the way to those of the sample after (or before) it.
+ReadingsOf moved_by_share(const std::vector<Sample>& samples, const std::vector<int>& order, int by,
+                          double share) {
+  ReadingsOf out;
+  for (size_t i = 0; i < order.size(); ++i) {
+    const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
+    if (other >= order.size()) continue;
+    std::vector<double>& now = out[samples[order[i]].id] = samples[order[other]].readings;
+    for (size_t j = 0; share < 1 && j < now.size(); ++j)
+      now[j] = samples[order[i]].readings[j] + share * (now[j] - samples[order[i]].readings[j]);
   }
   return out;
 }
@@ -158,13 +159,19 @@ bool keeps_views(const Rig& rig, const std::vector<Sample>& samples, const Readi
                                           kKept * static_cast<double>(count_views(samples));
 }
 
-Hypothesis shifted(int by, const std::string& what, const std::string& cure) {
-  Hypothesis h;
-  h.kind = NoticeKind::shifted;
+/// An Undo that gives samples other readings.
+Undo of_other_readings(ReadingsOf readings) {
+  return [readings = std::make_shared<ReadingsOf>(std::move(readings))](
+             Rig& r, std::vector<Sample>& changed) { replace_readings(r, *readings, changed); };
+}
+
+Hypothesis shifted(int by, Subjects where, const std::string& what, const std::string& cure,
+                   Undo undo) {
+  Hypothesis h{
+      NoticeKind::shifted, std::move(where),
+      what + " belong to the joint readings of the sample " + (by > 0 ? "after it" : "before it"),
+      cure, std::move(undo)};
   h.many = true;
-  h.mistake = what + (by > 0 ? " belong to the joint readings of the sample after it"
-                             : " belong to the joint readings of the sample before it");
-  h.cure = cure;
   return h;
 }
 
@@ -186,21 +193,21 @@ void add_shift_of(int sensor, int by, const Rig& rig, const std::vector<Sample>&
       ++kept;
     }
   if (kept < kFewest || static_cast<double>(kept) < kKept * static_cast<double>(all)) return;
-  Hypothesis h = shifted(by, "the views of sensor " + quoted(rig.sensors[sensor].name),
-                         "Pair its views with the readings of their own time: its log starts a "
-                         "sample too early or too late.");
-  h.where = {Subject::sensor(rig.sensors[sensor].name)};
-  h.undo = [sensor, views](Rig&, std::vector<Sample>& changed) {
-    for (Sample& s : changed) {
-      s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
-                                   [&](const View& v) { return v.sensor == sensor; }),
-                    s.views.end());
-      const auto found = views->find(s.id);
-      if (found != views->end())
-        s.views.insert(s.views.end(), found->second.begin(), found->second.end());
-    }
-  };
-  out.push_back(std::move(h));
+  out.push_back(shifted(
+      by, {Subject::sensor(rig.sensors[sensor].name)},
+      "the views of sensor " + quoted(rig.sensors[sensor].name),
+      "Pair its views with the readings of their own time: its log starts a sample too early or "
+      "too late.",
+      [sensor, views](Rig&, std::vector<Sample>& changed) {
+        for (Sample& s : changed) {
+          s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
+                                       [&](const View& v) { return v.sensor == sensor; }),
+                        s.views.end());
+          const auto found = views->find(s.id);
+          if (found != views->end())
+            s.views.insert(s.views.end(), found->second.begin(), found->second.end());
+        }
+      }));
 }
 
 /// Of samples whose numbers have gaps, where pictures were lost: readings of the next number, or
@@ -213,23 +220,19 @@ void add_shifts_by_number(const Rig& rig, const std::vector<Sample>& samples,
       numbers.back() - numbers.front() + 1 == static_cast<long>(numbers.size()))
     return;
   for (const int by : {1, -1}) {
-    auto readings = std::make_shared<ReadingsOf>();
+    ReadingsOf readings;
     for (size_t i = 0; i < order.size(); ++i) {
       const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
       if (other < order.size() && numbers[other] == numbers[i] + by)
-        (*readings)[samples[order[i]].id] = samples[order[other]].readings;
+        readings[samples[order[i]].id] = samples[order[other]].readings;
     }
-    if (readings->size() < kFewest) continue;
-    Hypothesis h = shifted(by, "the views of every sample",
-                           "pair readings and views of the same time: one of the two logs starts a "
-                           "sample too early or too late (seen by the numbers in the samples' "
-                           "ids; those whose neighbour is missing were left out)");
-    for (int s : observations.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
-    h.leaves_out = true;
-    h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
-      replace_readings(r, *readings, changed);
-    };
-    out.push_back(std::move(h));
+    if (readings.size() < kFewest) continue;
+    out.push_back(shifted(by, all_sensors(rig, observations.sensors), kEverySample,
+                          std::string(kPairAgain) +
+                              " (seen by the numbers in the samples' ids; those whose neighbour "
+                              "is missing were left out)",
+                          of_other_readings(std::move(readings))));
+    out.back().leaves_out = true;
   }
 }
 
@@ -241,25 +244,15 @@ void add_shifts(const Rig& rig, const std::vector<Sample>& samples,
   if (order.size() <= kFewest) return;
   add_shifts_by_number(rig, samples, observations, out);
   for (int by : {1, -1}) {
-    auto readings = std::make_shared<ReadingsOf>();
-    bool moves = false;
-    for (size_t i = 0; i < order.size(); ++i) {
-      const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
-      if (other >= order.size()) continue;
-      (*readings)[samples[order[i]].id] = samples[order[other]].readings;
-      moves = moves || !same_readings(samples[order[i]].readings, samples[order[other]].readings);
-    }
-    if (!moves) return;
-    if (keeps_views(rig, samples, *readings)) {
-      Hypothesis h = shifted(by, "the views of every sample",
-                             "pair readings and views of the same time: one of the two logs starts "
-                             "a sample too early or too late");
-      for (int s : observations.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
-      h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
-        replace_readings(r, *readings, changed);
-      };
-      out.push_back(std::move(h));
-    }
+    const ReadingsOf readings = moved_by_share(samples, order, by, 1);
+    if (std::all_of(samples.begin(), samples.end(), [&](const Sample& s) {
+          const auto found = readings.find(s.id);
+          return found == readings.end() || same_readings(s.readings, found->second);
+        }))
+      return;
+    if (keeps_views(rig, samples, readings))
+      out.push_back(shifted(by, all_sensors(rig, observations.sensors), kEverySample, kPairAgain,
+                            of_other_readings(readings)));
     for (int s : observations.sensors)
       if (observations.sensors.size() > 1 &&
           rig.sensors[s].model->measurement_kind() != MeasurementKind::chain)
@@ -321,40 +314,31 @@ void add_orders_of_rows(const Rig& rig, const std::vector<Sample>& samples,
   const std::vector<int> order = logged_order(samples);
   if (order.size() <= kFewest) return;
   for (const auto& [how, rows] : other_orders(samples, order)) {
-    auto readings = std::make_shared<ReadingsOf>();
+    ReadingsOf readings;
     for (size_t i = 0; i < order.size(); ++i)
-      (*readings)[samples[order[rows[i]]].id] = samples[order[i]].readings;
-    if (!keeps_views(rig, samples, *readings)) continue;
-    Hypothesis h;
-    h.kind = NoticeKind::shifted;
-    h.mistake = "readings and views are paired in the wrong order: " + how;
-    h.cure = "pair readings and views by their names or times, not by their place in a list";
-    for (int s : observations.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
-    h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
-      replace_readings(r, *readings, changed);
-    };
-    out.push_back(std::move(h));
+      readings[samples[order[rows[i]]].id] = samples[order[i]].readings;
+    if (!keeps_views(rig, samples, readings)) continue;
+    out.push_back({NoticeKind::shifted, all_sensors(rig, observations.sensors),
+                   "readings and views are paired in the wrong order: " + how,
+                   "pair readings and views by their names or times, not by their place in a list",
+                   of_other_readings(std::move(readings))});
   }
   for (const auto& range : observations.ranges) {
     const int joint = range.first;
     if (!(range.second.second > range.second.first)) continue;
-    auto readings = std::make_shared<ReadingsOf>();
+    ReadingsOf readings;
     for (size_t i = 0; i + 1 < order.size(); ++i) {
-      std::vector<double> one = samples[order[i]].readings;
+      std::vector<double>& one = readings[samples[order[i]].id] = samples[order[i]].readings;
       one[joint] = samples[order[i + 1]].readings[joint];
-      (*readings)[samples[order[i]].id] = std::move(one);
     }
-    if (!keeps_views(rig, samples, *readings)) continue;
-    Hypothesis h;
-    h.kind = NoticeKind::shifted;
-    h.where = {Subject::joint(rig.tree.joints[joint].name)};
-    h.mistake =
-        "the readings of joint " + quoted(h.where[0].name) + " are those of the sample before";
-    h.cure = "log all joints at the time of the views: this one's readings are a sample too old";
-    h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
-      replace_readings(r, *readings, changed);
-    };
-    out.push_back(std::move(h));
+    if (!keeps_views(rig, samples, readings)) continue;
+    const std::string& name = rig.tree.joints[joint].name;
+    out.push_back(
+        {NoticeKind::shifted,
+         {Subject::joint(name)},
+         "the readings of joint " + quoted(name) + " are those of the sample before",
+         "log all joints at the time of the views: this one's readings are a sample too old",
+         of_other_readings(std::move(readings))});
   }
 }
 
@@ -427,6 +411,51 @@ std::optional<LoggedMotion> steady_motion(const std::vector<Sample>& samples) {
   return out;
 }
 
+/// What a fit of samples with other readings leaves.
+double score_with(const Recording& recording, const TrialContext& context,
+                  std::vector<Sample> samples, const ReadingsOf& readings) {
+  replace_readings(recording.rig, readings, samples);
+  if (samples.size() < kFewest) return kInfinity;
+  return best_fit(recording.with_samples(std::move(samples)), context, context.all, {40, 1e-7})
+      .score();
+}
+
+/// Where a function is least near 0, and whether it is clearly lower there.
+struct Least {
+  double at = 0, value = 0;
+  bool lower = false;
+};
+
+/// The best of three, and where their parabola has its least, again and again nearer.
+Least find_least(const std::function<double(double)>& chi2, const std::vector<double>& steps,
+                 double most) {
+  Least out{0, chi2(0), false};
+  const double at_first = out.value;
+  for (const double h : steps) {
+    const double middle = out.at, before = chi2(middle - h), after = chi2(middle + h),
+                 bend = before + after - 2 * out.value;
+    if (!std::isfinite(bend)) return out;
+    const double to_least = bend > 0 ? 0.5 * h * (before - after) / bend : 0,
+                 next = std::clamp(middle + std::clamp(to_least, -3 * h, 3 * h), -most, most);
+    for (const auto& [at, there] :
+         {std::pair(middle - h, before), std::pair(middle + h, after), std::pair(next, chi2(next))})
+      if (there < out.value) out.at = at, out.value = there;
+  }
+  out.lower = out.value < 0.8 * at_first;
+  return out;
+}
+
+/// Readings of another moment than the views; nothing: too few views have such.
+std::optional<Hypothesis> lag_of(const Recording& recording, ReadingsOf readings,
+                                 std::string mistake, std::string cure) {
+  if (!keeps_views(recording.rig, recording.samples, readings)) return std::nullopt;
+  return Hypothesis{NoticeKind::lag,
+                    {{Subject::Kind::part, "joints"}},
+                    std::move(mistake),
+                    std::move(cure),
+                    of_other_readings(std::move(readings))};
+}
+
 }  // namespace
 
 std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContext& context) {
@@ -440,44 +469,20 @@ std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContex
     ReadingsOf readings = motion->later(lag);
     for (const std::string& id : motion->ids)
       if (!early.count(id) || !late.count(id)) readings.erase(id);
-    std::vector<Sample> samples = some;
-    replace_readings(recording.rig, readings, samples);
-    if (samples.size() < kFewest) return kInfinity;
-    const TrialFit f =
-        best_fit(recording.with_samples(std::move(samples)), context, context.all, {40, 1e-7});
-    return f.score();
+    return score_with(recording, context, some, readings);
   };
-  // The best of three, and where their parabola has its least, again and again nearer.
-  double lag = 0, least = chi2(0);
-  const double at_first = least;
-  for (double share : {0.5, 0.2, 0.1, 0.04, 0.01}) {
-    const double h = share * step, middle = lag;
-    const double before = chi2(middle - h), after = chi2(middle + h),
-                 bend = before + after - 2 * least;
-    if (!std::isfinite(bend)) return std::nullopt;
-    const double to_least = bend > 0 ? 0.5 * h * (before - after) / bend : 0,
-                 next =
-                     std::clamp(middle + std::clamp(to_least, -3 * h, 3 * h), -2 * step, 2 * step);
-    for (const auto& [at, there] :
-         {std::pair(middle - h, before), std::pair(middle + h, after), std::pair(next, chi2(next))})
-      if (there < least) lag = at, least = there;
-  }
-  if (!(least < 0.8 * at_first) || std::abs(lag) < kShortestLag * step) return std::nullopt;
-  auto readings = std::make_shared<ReadingsOf>(motion->later(lag));
-  if (!keeps_views(recording.rig, recording.samples, *readings)) return std::nullopt;
-  Hypothesis h;
-  h.kind = NoticeKind::lag;
-  h.where = {{Subject::Kind::part, "joints"}};
-  h.mistake = std::string("the joint readings are ") + (lag > 0 ? "older" : "newer") +
-              " than the views of their sample, by " +
-              (motion->stamped ? text("%.4g s", std::abs(lag))
-                               : text("%.3g of the time from sample to sample", std::abs(lag)));
-  h.cure =
-      "take samples while the robot stands still, or take the readings at the time of the views";
-  h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
-    replace_readings(r, *readings, changed);
-  };
-  return h;
+  const Least found =
+      find_least(chi2, {0.5 * step, 0.2 * step, 0.1 * step, 0.04 * step, 0.01 * step}, 2 * step);
+  const double lag = found.at;
+  if (!found.lower || std::abs(lag) < kShortestLag * step) return std::nullopt;
+  return lag_of(
+      recording, motion->later(lag),
+      std::string("the joint readings are ") + (lag > 0 ? "older" : "newer") +
+          " than the views of their sample, by " +
+          (motion->stamped ? text("%.4g s", std::abs(lag))
+                           : text("%.3g of the time from sample to sample", std::abs(lag))),
+      "take samples while the robot stands still, or take the readings at the time of "
+      "the views");
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -485,22 +490,7 @@ std::optional<Hypothesis> time_lag(const Recording& recording, const TrialContex
 namespace {
 
 constexpr size_t kAllSamples = 60;  // so many are all used
-constexpr double kLargestShare = 0.3, kSmallestShare = 0.001, kFirstShare = 0.03;
-
-/// Readings moved by a share of the way to those of the sample after (or before) it.
-ReadingsOf moved_by_share(const std::vector<Sample>& samples, const std::vector<int>& order, int by,
-                          double share) {
-  ReadingsOf out;
-  for (size_t i = 0; i < order.size(); ++i) {
-    const size_t other = i + static_cast<size_t>(by);  // wraps below 0: none
-    if (other >= order.size()) continue;
-    std::vector<double> now = samples[order[i]].readings;
-    for (size_t j = 0; j < now.size(); ++j)
-      now[j] += share * (samples[order[other]].readings[j] - now[j]);
-    out[samples[order[i]].id] = std::move(now);
-  }
-  return out;
-}
+constexpr double kLargestShare = 0.3, kSmallestShare = 0.001, kFirstShare = 0.1;
 
 }  // namespace
 
@@ -511,46 +501,25 @@ std::optional<Hypothesis> unfinished_move(const Recording& recording, const Tria
   // (A view tells six numbers, however many its points are: a few samples would not do.)
   const std::vector<Sample> some =
       all.size() <= kAllSamples ? all : some_samples(recording, 16 * context.all.free.size());
-  double best = 0, least = 0;
+  Least best;
   int neighbour = 0;
   for (const int by : {1, -1}) {
     const auto chi2 = [&](double share) {
-      std::vector<Sample> samples = some;
-      replace_readings(recording.rig, moved_by_share(all, order, by, share), samples);
-      if (samples.size() < kFewest) return kInfinity;
-      return best_fit(recording.with_samples(std::move(samples)), context, context.all, {40, 1e-7})
-          .score();
+      return score_with(recording, context, some, moved_by_share(all, order, by, share));
     };
-    double share = 0, here = chi2(0);
-    const double at_first = here;
-    for (const double h : {kFirstShare, kFirstShare / 5, kFirstShare / 25}) {
-      const double below = chi2(share - h), above = chi2(share + h),
-                   bend = below + above - 2 * here;
-      if (!(std::isfinite(bend) && bend > 0)) break;
-      const double next =
-          std::clamp(share + 0.5 * h * (below - above) / bend, -kLargestShare, kLargestShare);
-      const double there = chi2(next);
-      if (there < here) share = next, here = there;
-    }
-    if (here < 0.8 * at_first && std::abs(share) > kSmallestShare &&
-        (neighbour == 0 || here < least))
-      best = share, least = here, neighbour = by;
+    const Least found =
+        find_least(chi2, {kFirstShare, kFirstShare / 5, kFirstShare / 25}, kLargestShare);
+    if (found.lower && std::abs(found.at) > kSmallestShare &&
+        (neighbour == 0 || found.value < best.value))
+      best = found, neighbour = by;
   }
   if (neighbour == 0) return std::nullopt;
-  auto readings = std::make_shared<ReadingsOf>(moved_by_share(all, order, neighbour, best));
-  if (!keeps_views(recording.rig, all, *readings)) return std::nullopt;
-  Hypothesis h;
-  h.kind = NoticeKind::lag;
-  h.where = {{Subject::Kind::part, "joints"}};
-  h.mistake = std::string("the robot moved between readings and views: they differ by ") +
-              text("%.2g %% of the way ", 100 * std::abs(best)) +
-              (neighbour > 0 ? "to the posture of the sample after it"
-                             : "from the posture of the sample before it");
-  h.cure = "take readings and views at one time, after the robot has come to rest";
-  h.undo = [readings](Rig& r, std::vector<Sample>& changed) {
-    replace_readings(r, *readings, changed);
-  };
-  return h;
+  return lag_of(recording, moved_by_share(all, order, neighbour, best.at),
+                std::string("the robot moved between readings and views: they differ by ") +
+                    text("%.2g %% of the way ", 100 * std::abs(best.at)) +
+                    (neighbour > 0 ? "to the posture of the sample after it"
+                                   : "from the posture of the sample before it"),
+                "take readings and views at one time, after the robot has come to rest");
 }
 
 }  // namespace kincal

@@ -6,12 +6,31 @@ namespace kincal {
 
 Hypothesis mirrored_points(const std::string& clause, int axis, const std::string& owner,
                            const std::string& place) {
-  Hypothesis h;
-  h.kind = NoticeKind::mirrored;
-  h.mistake = clause + ": its axes are left-handed, or one has the wrong sign";
-  h.cure = std::string("change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " +
-           owner + "'s pose accordingly) in " + place;
-  return h;
+  return {NoticeKind::mirrored,
+          {},
+          clause + ": its axes are left-handed, or one has the wrong sign",
+          std::string("change the sign of ") + "xyz"[axis] + " (or of another one, and turn the " +
+              owner + "'s pose accordingly) in " + place};
+}
+
+Undo of_views(int sensor, std::function<void(const Rig&, View&)> change) {
+  return [sensor, change = std::move(change)](Rig& rig, std::vector<Sample>& samples) {
+    for (Sample& sample : samples)
+      for (View& v : sample.views)
+        if (sensor < 0 || v.sensor == sensor) change(rig, v);
+  };
+}
+
+Undo of_numbers(int sensor, size_t first, size_t stride, std::function<double(double)> change) {
+  return of_views(sensor, [=, change = std::move(change)](const Rig&, View& v) {
+    for (size_t i = first; i < v.z.size(); i += stride) v.z[i] = change(v.z[i]);
+  });
+}
+
+Subjects all_sensors(const Rig& rig, const std::set<int>& sensors) {
+  Subjects out;
+  for (const int s : sensors) out.push_back(Subject::sensor(rig.sensors[s].name));
+  return out;
 }
 
 int immobile_body(const Tree& tree, int link) {

@@ -28,14 +28,10 @@ class Undo {
     else
       both_ = std::move(change);
   }
-  bool changes_samples() const { return both_ != nullptr; }
-  void operator()(Rig& rig, std::vector<Sample>& samples) const {
-    changes_samples() ? both_(rig, samples) : rig_(rig);
-  }
   /// Returns the recording without the mistake; it copies no samples that do not change.
   Recording operator()(const Recording& recording) const {
     Rig rig = recording.rig;
-    if (!changes_samples()) {
+    if (!both_) {
       rig_(rig);
       return recording.with_rig(std::move(rig));
     }
@@ -53,13 +49,13 @@ class Undo {
 /// undoes it.
 struct Hypothesis {
   NoticeKind kind = NoticeKind::square;
-  Subjects where;
-  std::string mistake;  // a main clause about the mistake, without its full stop
-  std::string cure;     // what to change, a clause without its full stop
-  Undo undo;
-  std::vector<int>
-      squares;  // the sizes of these targets are free besides; undo() makes grids of them
-  std::vector<std::string> free;  // parameters that are free besides
+  Subjects where = {};
+  std::string mistake = "";  // a main clause about the mistake, without its full stop
+  std::string cure = "";     // what to change, a clause without its full stop
+  Undo undo = [](Rig&) {};
+  std::vector<int> squares =
+      {};  // the sizes of these targets are free besides; undo() makes grids of them
+  std::vector<std::string> free = {};  // parameters that are free besides
   bool new_poses =
       false;  // freed poses mean something else now: their values are to be found in closed form
   bool many = false;        // one of a kind that is much: not tried where another explains all
@@ -68,12 +64,19 @@ struct Hypothesis {
   int ignored_joint = -1;            // joint whose readings do not count, -1: none
   /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An
   /// empty function: `mistake` and `cure` stand as they are.
-  std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told;
+  std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told = {};
   bool rarer = false;      // than other mistakes
   bool estimated = false;  // as of a Notice
   int rescaled = -1;       // sensor whose measured numbers undo() multiplies by `factor`
   double factor = 1;
 };
+
+/// Returns an Undo that changes the views of a sensor; -1: of every sensor.
+Undo of_views(int sensor, std::function<void(const Rig&, View&)> change);
+/// Returns an Undo that changes every so-manieth of a sensor's measured numbers, from one of them.
+Undo of_numbers(int sensor, size_t first, size_t stride, std::function<double(double)> change);
+/// Returns the subjects of all sensors that see something.
+Subjects all_sensors(const Rig& rig, const std::set<int>& sensors);
 
 /// Makes a hypothesis that points are mirrored: `clause` says which, `owner` ("sensor" or "target")
 /// whose pose would have to turn, and `place` where their numbers stand. `where` and `undo` are

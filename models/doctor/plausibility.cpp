@@ -290,29 +290,41 @@ void check_lengths(const Rig& rig, std::vector<Notice>& out) {
     }
 }
 
-/// Measured points or positions, of which more than half are further away than anything.
-void check_measured_lengths(const Rig& rig, const std::vector<Sample>& samples,
-                            std::vector<Notice>& out) {
-  std::vector<std::vector<double>> distances(rig.sensors.size());
-  for (const Sample& sample : samples)
-    for (const View& view : sample.views) {
-      const MeasurementKind kind = rig.sensors[view.sensor].model->measurement_kind();
-      if (rig.sensors[view.sensor].model->scans()) continue;
-      const size_t end = kind == MeasurementKind::points ? view.z.size()
-                         : kind == MeasurementKind::pose ? std::min<size_t>(3, view.z.size())
-                                                         : 0;
-      for (size_t i = 0; i + 2 < end; i += 3)
-        distances[view.sensor].push_back(std::hypot(view.z[i], view.z[i + 1], view.z[i + 2]));
-    }
-  for (size_t s = 0; s < distances.size(); ++s) {
-    const double middle = median(std::move(distances[s]), 0);
-    if (middle > kFarAway)
-      out.push_back(make_notice(
-          NoticeKind::square, {Subject::sensor(rig.sensors[s].name)},
-          "sensor " + quoted(rig.sensors[s].name) + text(" measures points %.4g m away", middle),
-          "",
-          "write metres into its views: millimetres have to be divided by "
-          "1000, centimetres by 100"));
+/// Measured points or positions, and poses of floating joints, of which more than half are further
+/// away than anything.
+void check_distances(const Rig& rig, const std::vector<Sample>& samples, std::vector<Notice>& out) {
+  const auto check = [&](std::vector<double> distances, double most, NoticeKind kind,
+                         const Subject& of, const std::string& what, const std::string& cure) {
+    if (const double middle = median(std::move(distances), 0); middle > most)
+      out.push_back(make_notice(kind, {of}, what + text(" %.4g m away", middle), "", cure));
+  };
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    const Sensor& sensor = rig.sensors[s];
+    const MeasurementKind kind = sensor.model->measurement_kind();
+    std::vector<double> distances;
+    for (const Sample& sample : samples)
+      for (const View& view : sample.views) {
+        if (view.sensor != static_cast<int>(s) || sensor.model->scans()) continue;
+        const size_t end = kind == MeasurementKind::points ? view.z.size()
+                           : kind == MeasurementKind::pose ? std::min<size_t>(3, view.z.size())
+                                                           : 0;
+        for (size_t i = 0; i + 2 < end; i += 3)
+          distances.push_back(std::hypot(view.z[i], view.z[i + 1], view.z[i + 2]));
+      }
+    check(
+        std::move(distances), kFarAway, NoticeKind::square, Subject::sensor(sensor.name),
+        "sensor " + quoted(sensor.name) + " measures points",
+        "write metres into its views: millimetres have to be divided by 1000, centimetres by 100");
+  }
+  for (const int j : make_observation_index(rig, samples).floating) {
+    const std::string& name = rig.tree.joints[j].name;
+    std::vector<double> distances;
+    for (const Sample& sample : samples)
+      if (const Pose pose = pose_reading(rig.tree, j, sample.readings);
+          pose.translation.allFinite())
+        distances.push_back(pose.translation.norm());
+    check(std::move(distances), kFarFlange, NoticeKind::units, Subject::joint(name),
+          "the poses of joint " + quoted(name) + " are", kWriteMetres);
   }
 }
 
@@ -371,25 +383,6 @@ void check_still_poses(const Rig& rig, const std::vector<Sample>& samples,
           "the poses of joint " + quoted(rig.tree.joints[j].name) + " are the same in all " +
               std::to_string(samples.size()) + " samples, but targets move in the views",
           "", "record them with each sample: the recorded value is constant"));
-  }
-}
-
-/// Poses of a floating joint, all of which are further away than any flange.
-void check_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
-                         std::vector<Notice>& out) {
-  for (const int j : make_observation_index(rig, samples).floating) {
-    std::vector<double> distances;
-    for (const Sample& sample : samples) {
-      const Pose pose = pose_reading(rig.tree, j, sample.readings);
-      if (pose.translation.allFinite()) distances.push_back(pose.translation.norm());
-    }
-    const double middle = median(std::move(distances), 0);
-    const std::string& name = rig.tree.joints[j].name;
-    if (middle > kFarFlange)
-      out.push_back(
-          make_notice(NoticeKind::units, {Subject::joint(name)},
-                      "the poses of joint " + quoted(name) + text(" are %.4g m away", middle), "",
-                      kWriteMetres));
   }
 }
 
@@ -489,9 +482,8 @@ std::vector<Notice> find_implausible(const Rig& rig, const std::vector<Sample>& 
   std::vector<Notice> out;
   const std::vector<PointCloud> clouds = point_clouds(rig, samples);
   check_lengths(rig, out);
-  check_measured_lengths(rig, samples, out);
+  check_distances(rig, samples, out);
   check_angles(rig, samples, out);
-  check_pose_readings(rig, samples, out);
   check_still_poses(rig, samples, out);
   check_slides(rig, samples, out);
   check_baselines(rig, samples, out);

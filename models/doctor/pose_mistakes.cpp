@@ -60,6 +60,11 @@ Pose written_as(const AngleConvention& written, const AngleConvention& read, int
   return pose;
 }
 
+Pose turned_round(Pose pose) {
+  pose.rotation.transposeInPlace();
+  return pose;
+}
+
 /// Of a frame whose y axis points the other way, positions and rotations alike.
 Pose left_handed(Pose pose) {
   const Vector3d mirror(1, -1, 1);
@@ -118,11 +123,7 @@ const Mistake kMistakes[] = {
     {NoticeKind::convention,
      "have their rotations the wrong way round (w of the quaternion, or the angles, with the other "
      "sign; or a transposed matrix), but not their positions",
-     "change the sign of w: a rotation turns vectors of the flange into the base's",
-     [](Pose pose) {
-       pose.rotation.transposeInPlace();
-       return pose;
-     }},
+     "change the sign of w: a rotation turns vectors of the flange into the base's", turned_round},
     {NoticeKind::convention,
      "are those of a left-handed frame (one axis points the other way, or two are exchanged), or "
      "all pictures are mirrored: the data are the same",
@@ -210,10 +211,7 @@ const Mistake kViewMistakes[] = {
      "have their rotations the wrong way round (w of the quaternion with the other sign, or a "
      "transposed matrix), but not their positions",
      "change the sign of w: a rotation turns vectors of the target into the sensor's",
-     [](Pose pose) {
-       pose.rotation.transposeInPlace();
-       return pose;
-     }},
+     turned_round},
     {NoticeKind::mirrored,
      "are those of a left-handed frame (one axis points the other way, as in Unity or Unreal)",
      "mirror them: where y has the other sign, so have y of the position and x and z of the "
@@ -229,15 +227,13 @@ const Mistake kViewMistakes[] = {
        return pose;
      }}};
 
-void change_views(std::vector<Sample>& samples, int sensor, const Change& change) {
-  for (Sample& s : samples)
-    for (View& v : s.views) {
-      if (v.sensor != sensor) continue;
-      const Pose pose = change(
-          {rotation_from_quaternion({v.z[3], v.z[4], v.z[5], v.z[6]}), {v.z[0], v.z[1], v.z[2]}});
-      const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
-      v.z = {pose.translation(0), pose.translation(1), pose.translation(2), q(0), q(1), q(2), q(3)};
-    }
+Undo of_poses(int sensor, const Change& change) {
+  return of_views(sensor, [change](const Rig&, View& v) {
+    const Pose pose = change(
+        {rotation_from_quaternion({v.z[3], v.z[4], v.z[5], v.z[6]}), {v.z[0], v.z[1], v.z[2]}});
+    const Eigen::Vector4d q = quaternion_from_rotation(pose.rotation);
+    v.z = {pose.translation(0), pose.translation(1), pose.translation(2), q(0), q(1), q(2), q(3)};
+  });
 }
 
 }  // namespace
@@ -247,17 +243,13 @@ void add_pose_views(const Rig& rig, const ObservationIndex& observations,
   for (const int s : observations.sensors) {
     if (rig.sensors[s].model->measurement_kind() != MeasurementKind::pose) continue;
     const auto add = [&](const Mistake& mistake) {
-      Hypothesis h;
-      h.kind = mistake.kind;
-      h.where = {Subject::sensor(rig.sensors[s].name)};
-      h.mistake =
-          "the poses that sensor " + quoted(rig.sensors[s].name) + " measures " + mistake.mistake;
-      h.cure = mistake.cure;
-      h.new_poses = true;
-      h.undo = [s, undo = mistake.undo](Rig&, std::vector<Sample>& all) {
-        change_views(all, s, undo);
-      };
-      out.push_back(std::move(h));
+      out.push_back(
+          {mistake.kind,
+           {Subject::sensor(rig.sensors[s].name)},
+           "the poses that sensor " + quoted(rig.sensors[s].name) + " measures " + mistake.mistake,
+           mistake.cure,
+           of_poses(s, mistake.undo)});
+      out.back().new_poses = true;
     };
     for (const Mistake& mistake : kViewMistakes) add(mistake);
     add_conventions(add);
@@ -269,17 +261,15 @@ void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
   for (const int j : observations.floating) {
     const std::string& name = rig.tree.joints[j].name;
     const auto add = [&](const Mistake& mistake) {
-      Hypothesis h;
-      h.kind = mistake.kind;
-      h.where = {Subject::joint(name)};
-      h.mistake = "the poses of joint " + quoted(name) + " " + mistake.mistake;
-      h.cure = mistake.cure;
-      h.new_poses = true;
-      h.leaves_out = mistake.leaves_out;
-      h.undo = [j, undo = mistake.undo](Rig& r, std::vector<Sample>& s) {
-        change_poses(r, s, j, undo);
-      };
-      out.push_back(std::move(h));
+      out.push_back({mistake.kind,
+                     {Subject::joint(name)},
+                     "the poses of joint " + quoted(name) + " " + mistake.mistake,
+                     mistake.cure,
+                     [j, undo = mistake.undo](Rig& r, std::vector<Sample>& s) {
+                       change_poses(r, s, j, undo);
+                     }});
+      out.back().new_poses = true;
+      out.back().leaves_out = mistake.leaves_out;
     };
     for (const Mistake& mistake : kMistakes) add(mistake);
     add_conventions(add);

@@ -45,19 +45,16 @@ void add_zeros(const Rig& rig, const ObservationIndex& observations, std::vector
     const std::string name = quoted(rig.tree.joints[j].name);
     for (const double turn : {kPi / 2, -kPi / 2, kPi}) {
       const std::string more = turn > 3 ? "pi" : turn > 0 ? "pi/2" : "-pi/2";
-      Hypothesis h;
-      h.kind = NoticeKind::home_position;
-      h.where = {Subject::joint(rig.tree.joints[j].name)};
-      h.mistake = "the readings of joint " + name + " do not count from the URDF's zero: " + more +
-                  " has to be added to them";
-      h.cure = "add " + more +
-               " to its readings, or turn its <origin> in the URDF by as much about "
-               "its axis (or joints." +
-               rig.tree.joints[j].name + ".offset: " + text("%.5f", turn) + " in the rig)";
-      h.undo = [j, turn](Rig& r, std::vector<Sample>& s) {
-        change_readings(r, s, j, [turn](double q) { return q + turn; });
-      };
-      out.push_back(std::move(h));
+      out.push_back({NoticeKind::home_position,
+                     {Subject::joint(rig.tree.joints[j].name)},
+                     "the readings of joint " + name +
+                         " do not count from the URDF's zero: " + more + " has to be added to them",
+                     "add " + more +
+                         " to its readings, or turn its <origin> in the URDF by as much about "
+                         "its axis (or joints." +
+                         rig.tree.joints[j].name + ".offset: " + text("%.5f", turn) +
+                         " in the rig)",
+                     of_readings({j}, [turn](double q) { return q + turn; })});
     }
   }
 }
@@ -72,14 +69,13 @@ void add_axes(const Rig& rig, const ObservationIndex& observations, std::vector<
         const Vector3d other = sign * Vector3d::Unit(axis);
         if (std::abs(other.dot(joint.axis)) > 0.1) continue;
         const std::string xyz = text("%g %g %g", other(0) + 0, other(1) + 0, other(2) + 0);
-        Hypothesis h;
-        h.kind = NoticeKind::joint_axis;
-        h.where = {Subject::joint(joint.name)};
-        h.mistake = "joint " + quoted(joint.name) + " turns about another axis than in the URDF";
-        h.cure = "write <axis xyz=\"" + xyz +
-                 "\"/>, in the joint's own frame (or turn its <origin>, and the next one's back)";
-        h.undo = [j = range.first, other](Rig& r) { r.tree.joints[j].axis = other; };
-        out.push_back(std::move(h));
+        out.push_back({NoticeKind::joint_axis,
+                       {Subject::joint(joint.name)},
+                       "joint " + quoted(joint.name) + " turns about another axis than in the URDF",
+                       "write <axis xyz=\"" + xyz +
+                           "\"/>, in the joint's own frame (or turn its <origin>, and the next "
+                           "one's back)",
+                       [j = range.first, other](Rig& r) { r.tree.joints[j].axis = other; }});
       }
   }
 }
@@ -91,9 +87,11 @@ bool have_both(const std::vector<Sample>& samples, int a, int b) {
   });
 }
 
-void exchange(std::vector<Sample>& samples, const std::vector<std::pair<int, int>>& pairs) {
-  for (Sample& s : samples)
-    for (const auto& p : pairs) std::swap(s.readings[p.first], s.readings[p.second]);
+Undo exchange(const std::vector<std::pair<int, int>>& pairs) {
+  return [pairs](Rig&, std::vector<Sample>& samples) {
+    for (Sample& s : samples)
+      for (const auto& p : pairs) std::swap(s.readings[p.first], s.readings[p.second]);
+  };
 }
 
 void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples,
@@ -108,14 +106,13 @@ void add_exchanged_joints(const Rig& rig, const std::vector<Sample>& samples,
       if (!observations.ranges.count(a) || turns(tree.joints[a]) != turns(tree.joints[b]) ||
           !have_both(samples, a, b))
         continue;
-      Hypothesis h;
-      h.kind = NoticeKind::exchanged_joints;
-      h.where = {Subject::joint(tree.joints[a].name), Subject::joint(tree.joints[b].name)};
-      h.mistake = "the readings of joints " + quoted(h.where[0].name) + " and " +
-                  quoted(h.where[1].name) + " are exchanged";
-      h.cure = "exchange the two names in the samples: the log lists joints in another order";
-      h.undo = [a, b](Rig&, std::vector<Sample>& s) { exchange(s, {{a, b}}); };
-      out.push_back(std::move(h));
+      const std::string &above = tree.joints[a].name, &below = tree.joints[b].name;
+      out.push_back(
+          {NoticeKind::exchanged_joints,
+           {Subject::joint(above), Subject::joint(below)},
+           "the readings of joints " + quoted(above) + " and " + quoted(below) + " are exchanged",
+           "exchange the two names in the samples: the log lists joints in another order",
+           exchange({{a, b}})});
     }
   }
 }
@@ -157,20 +154,19 @@ void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples,
     for (size_t k = 0; k < along.size(); ++k) moves.push_back({orders[i].from[k], orders[i].to[k]});
     std::sort(moves.begin(), moves.end());
     if (orders[i].from == orders[i].to || !told.insert(moves).second) continue;
-    Hypothesis h;
-    h.kind = NoticeKind::exchanged_joints;
-    for (const int j : along) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
-    h.mistake = "the readings of joints " + joined(names_of(h.where)) + " " + orders[i].mistake;
-    h.cure =
-        "give each joint the reading that belongs to its name: /joint_states is often in "
-        "alphabetical order, and columns of a log may begin with another joint";
-    h.undo = [from = orders[i].from, to = orders[i].to](Rig&, std::vector<Sample>& all) {
-      for (Sample& s : all) {
-        const std::vector<double> given = s.readings;
-        for (size_t k = 0; k < from.size(); ++k) s.readings[to[k]] = given[from[k]];
-      }
-    };
-    out.push_back(std::move(h));
+    Subjects where;
+    for (const int j : along) where.push_back(Subject::joint(rig.tree.joints[j].name));
+    out.push_back(
+        {NoticeKind::exchanged_joints, where,
+         "the readings of joints " + joined(names_of(where)) + " " + orders[i].mistake,
+         "give each joint the reading that belongs to its name: /joint_states is often in "
+         "alphabetical order, and columns of a log may begin with another joint",
+         [from = orders[i].from, to = orders[i].to](Rig&, std::vector<Sample>& all) {
+           for (Sample& s : all) {
+             const std::vector<double> given = s.readings;
+             for (size_t k = 0; k < from.size(); ++k) s.readings[to[k]] = given[from[k]];
+           }
+         }});
   }
 }
 
@@ -193,7 +189,7 @@ std::string other_side(const std::string& name) {
 void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples,
                         const ObservationIndex& observations, std::vector<Hypothesis>& out) {
   std::vector<std::pair<int, int>> pairs;
-  Hypothesis h;
+  Subjects where;
   for (const auto& range : observations.ranges) {
     const int a = range.first;
     const std::string other = other_side(rig.tree.joints[a].name);
@@ -201,17 +197,16 @@ void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples,
     if (b <= a || !observations.ranges.count(b)) continue;
     // (A sample that has one arm only gets the other's readings.)
     pairs.push_back({a, b});
-    h.where.insert(h.where.end(), {Subject::joint(rig.tree.joints[a].name), Subject::joint(other)});
+    where.insert(where.end(), {Subject::joint(rig.tree.joints[a].name), Subject::joint(other)});
   }
   if (pairs.size() < 2) return;
   if (!std::all_of(pairs.begin(), pairs.end(),
                    [&](const auto& p) { return have_both(samples, p.first, p.second); }))
     return;
-  h.kind = NoticeKind::exchanged_joints;
-  h.mistake = "the readings of the left and the right arm are exchanged";
-  h.cure = "exchange left and right in the samples: in the joints' names, or in the views";
-  h.undo = [pairs](Rig&, std::vector<Sample>& s) { exchange(s, pairs); };
-  out.push_back(std::move(h));
+  out.push_back({NoticeKind::exchanged_joints, std::move(where),
+                 "the readings of the left and the right arm are exchanged",
+                 "exchange left and right in the samples: in the joints' names, or in the views",
+                 exchange(pairs)});
 }
 
 void add_exchanged_targets(const Rig& rig, const ObservationIndex& observations,
@@ -226,18 +221,14 @@ void add_exchanged_targets(const Rig& rig, const ObservationIndex& observations,
           immobile_body(rig.tree, rig.targets[a].link) ==
               immobile_body(rig.tree, rig.targets[b].link))
         continue;
-      Hypothesis h;
-      h.kind = NoticeKind::exchanged_targets;
-      h.where = {Subject::target(rig.targets[a].name), Subject::target(rig.targets[b].name)};
-      h.mistake = "targets " + quoted(h.where[0].name) + " and " + quoted(h.where[1].name) +
-                  " are exchanged";
-      h.cure = "exchange the two names, in the rig or in the views";
-      h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
-        for (Sample& s : samples)
-          for (View& v : s.views)
-            if (v.target == a || v.target == b) v.target = a + b - v.target;
-      };
-      out.push_back(std::move(h));
+      out.push_back({NoticeKind::exchanged_targets,
+                     {Subject::target(rig.targets[a].name), Subject::target(rig.targets[b].name)},
+                     "targets " + quoted(rig.targets[a].name) + " and " +
+                         quoted(rig.targets[b].name) + " are exchanged",
+                     "exchange the two names, in the rig or in the views",
+                     of_views(-1, [a, b](const Rig&, View& v) {
+                       if (v.target == a || v.target == b) v.target = a + b - v.target;
+                     })});
     }
 }
 
@@ -255,18 +246,16 @@ void add_absolute_angles(const Rig& rig, const std::vector<Sample>& samples,
     for (const double sign : {1.0, -1.0}) {
       const std::string of = quoted(tree.joints[a].name), name = quoted(tree.joints[b].name),
                         given = sign > 0 ? "sum" : "difference";
-      Hypothesis h;
-      h.kind = NoticeKind::absolute_angle;
-      h.where = {Subject::joint(tree.joints[b].name), Subject::joint(tree.joints[a].name)};
-      h.mistake = "the readings of joint " + name + " are not its own angle but its " + given +
-                  (sign > 0 ? " with" : " to") + " that of " + of +
-                  ", as in an arm whose motors turn its links relative to the base";
-      h.cure = std::string(sign > 0 ? "subtract" : "add") + " the reading of " + of +
-               (sign > 0 ? " from" : " to") + " that of " + name + " in every sample";
-      h.undo = [a, b, sign](Rig&, std::vector<Sample>& all) {
-        for (Sample& s : all) s.readings[b] -= sign * s.readings[a];
-      };
-      out.push_back(std::move(h));
+      out.push_back({NoticeKind::absolute_angle,
+                     {Subject::joint(tree.joints[b].name), Subject::joint(tree.joints[a].name)},
+                     "the readings of joint " + name + " are not its own angle but its " + given +
+                         (sign > 0 ? " with" : " to") + " that of " + of +
+                         ", as in an arm whose motors turn its links relative to the base",
+                     std::string(sign > 0 ? "subtract" : "add") + " the reading of " + of +
+                         (sign > 0 ? " from" : " to") + " that of " + name + " in every sample",
+                     [a, b, sign](Rig&, std::vector<Sample>& all) {
+                       for (Sample& s : all) s.readings[b] -= sign * s.readings[a];
+                     }});
     }
   }
 }
@@ -276,19 +265,6 @@ bool is_above(const Tree& tree, int above, int joint) {
   int a = joint;
   while (a >= 0 && a != above) a = moving_joint_above(tree, a);
   return a >= 0;
-}
-
-Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
-  Hypothesis h;
-  h.kind = NoticeKind::joint_sign;
-  for (int j : joints) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
-  h.mistake = "joints " + joined(names_of(h.where)) +
-              " turn the other way: their readings, or their axes in the URDF, have the wrong sign";
-  h.cure = "change the signs of their readings, or of their <axis> in the URDF";
-  h.undo = [joints](Rig& r, std::vector<Sample>& s) {
-    for (int j : joints) change_readings(r, s, j, [](double q) { return -q; });
-  };
-  return h;
 }
 
 /// Two joints of one arm, or of two arms that are not too many, and all joints.
@@ -327,12 +303,9 @@ void add_gears(const Rig& rig, const ParameterTable& table, const ObservationInd
     const int j = range.first, scale = table.joint_scale[j];
     if (scale < 0 || freed.parameter[scale] || range.second.second - range.second.first < 0.1)
       continue;
-    Hypothesis h;
-    h.kind = NoticeKind::gear;
-    h.where = {Subject::joint(rig.tree.joints[j].name)};
+    Hypothesis h{NoticeKind::gear, {Subject::joint(rig.tree.joints[j].name)}};
     h.free = {table.all[scale].name};
     h.rarer = true;
-    h.undo = [](Rig&) {};
     const std::string lengths = rig.tree.joints[j].type == JointType::prismatic
                                     ? sensors_of_lengths(rig, observations)
                                     : std::string();
@@ -361,14 +334,34 @@ void add_gears(const Rig& rig, const ParameterTable& table, const ObservationInd
 
 }  // namespace
 
-void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint,
-                     const std::function<double(double)>& change) {
-  for (Sample& s : samples) {
-    s.readings[joint] = change(s.readings[joint]);
-    for (View& v : s.views)
-      if (rig.sensors[v.sensor].scanning_joint == joint)
-        for (size_t i = 0; i + 2 < v.z.size(); i += 3) v.z[i] = change(v.z[i]);
-  }
+Undo of_readings(const std::vector<int>& joints, std::function<double(double)> change) {
+  return [joints, change = std::move(change)](Rig& rig, std::vector<Sample>& samples) {
+    for (Sample& s : samples)
+      for (const int j : joints) {
+        s.readings[j] = change(s.readings[j]);
+        for (View& v : s.views)
+          if (rig.sensors[v.sensor].scanning_joint == j)
+            for (size_t i = 0; i + 2 < v.z.size(); i += 3) v.z[i] = change(v.z[i]);
+      }
+  };
+}
+
+Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints) {
+  Subjects where;
+  for (int j : joints) where.push_back(Subject::joint(rig.tree.joints[j].name));
+  const bool one = joints.size() == 1,
+             slides = one && rig.tree.joints[joints[0]].type == JointType::prismatic;
+  return {NoticeKind::joint_sign, where,
+          (one ? "joint " + quoted(where[0].name) : "joints " + joined(names_of(where))) +
+              (slides ? " moves"
+               : one  ? " turns"
+                      : " turn") +
+              " the other way: " +
+              (one ? "its readings, or its axis in the URDF, have the wrong sign"
+                   : "their readings, or their axes in the URDF, have the wrong sign"),
+          one ? "change the sign of its readings, or of its <axis> in the URDF"
+              : "change the signs of their readings, or of their <axis> in the URDF",
+          of_readings(joints, [](double q) { return -q; })};
 }
 
 const std::vector<LengthUnit>& other_length_units() {
@@ -392,15 +385,12 @@ void add_length_units(const Rig& rig, const ObservationIndex& observations,
                              : kFarSlide;
     if (!(most > reach)) continue;
     for (const LengthUnit& unit : other_length_units()) {
-      Hypothesis h;
-      h.kind = NoticeKind::units;
-      h.where = {Subject::joint(joint.name)};
-      h.mistake = "the readings of sliding joint " + quoted(joint.name) + " are " + unit.name;
-      h.cure = std::string("write metres: ") + unit.cure;
-      h.undo = [j = range.first, factor = unit.metres](Rig& r, std::vector<Sample>& s) {
-        change_readings(r, s, j, [factor](double q) { return q * factor; });
-      };
-      out.push_back(std::move(h));
+      out.push_back(
+          {NoticeKind::units,
+           {Subject::joint(joint.name)},
+           "the readings of sliding joint " + quoted(joint.name) + " are " + unit.name,
+           std::string("write metres: ") + unit.cure,
+           of_readings({range.first}, [factor = unit.metres](double q) { return q * factor; })});
     }
   }
   std::vector<int> far, long_ones;
@@ -415,8 +405,7 @@ void add_length_units(const Rig& rig, const ObservationIndex& observations,
   if (long_ones.size() > 1) groups.push_back(far);
   for (const std::vector<int>& group : groups)
     for (const LengthUnit& unit : other_length_units()) {
-      Hypothesis h;
-      h.kind = NoticeKind::units;
+      Hypothesis h{NoticeKind::units};
       for (int j : group) h.where.push_back(Subject::joint(rig.tree.joints[j].name));
       const bool one = group.size() == 1;
       const double length = rig.tree.joints[group[0]].parent_T_joint.translation.norm();

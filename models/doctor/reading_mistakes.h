@@ -8,9 +8,12 @@
 
 namespace kincal {
 
-/// Replaces a joint's readings, also those that a scanner has of it in its rays.
-void change_readings(const Rig& rig, std::vector<Sample>& samples, int joint,
-                     const std::function<double(double)>& change);
+/// Returns an Undo that replaces the readings of some joints, also those that a scanner has of them
+/// in its rays.
+Undo of_readings(const std::vector<int>& joints, std::function<double(double)> change);
+
+/// Makes the hypothesis that joints turn the other way.
+Hypothesis wrong_signs(const Rig& rig, const std::vector<int>& joints);
 
 /// A LengthUnit is one that is written in place of the metre.
 struct LengthUnit {

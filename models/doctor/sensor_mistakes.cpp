@@ -35,36 +35,22 @@ void add_mirrors(const Rig& rig, const ObservationIndex& observations,
       for (int axis : {0, 1}) {
         const int size = axis == 0 ? sensor.image_width : sensor.image_height;
         const double sum = size > 0 ? size - 1 : 2 * k[2 + axis];
-        Hypothesis h;
-        h.kind = NoticeKind::mirrored;
-        h.where = {Subject::sensor(sensor.name)};
-        h.mistake = "the images of camera " + quoted(sensor.name) + " are mirrored " +
-                    (axis == 0 ? "left to right" : "top to bottom");
-        h.cure = std::string("detect in the image as the camera gave it, or replace ") +
-                 (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") + " in its views";
-        h.undo = [s, axis, sum](Rig&, std::vector<Sample>& samples) {
-          for (Sample& sample : samples)
-            for (View& v : sample.views)
-              if (v.sensor == s)
-                for (size_t i = axis; i < v.z.size(); i += 2) v.z[i] = sum - v.z[i];
-        };
-        out.push_back(h);
+        out.push_back({NoticeKind::mirrored,
+                       {Subject::sensor(sensor.name)},
+                       "the images of camera " + quoted(sensor.name) + " are mirrored " +
+                           (axis == 0 ? "left to right" : "top to bottom"),
+                       std::string("detect in the image as the camera gave it, or replace ") +
+                           (axis == 0 ? "u by width - 1 - u" : "v by height - 1 - v") +
+                           " in its views",
+                       of_numbers(s, axis, 2, [sum](double z) { return sum - z; })});
       }
     } else if (kind == MeasurementKind::points) {
-      const auto measures_something = [](const View& v) {
-        return std::any_of(v.z.begin(), v.z.end(), [](double z) { return z != 0; });
-      };
       for (int axis : {0, 1, 2}) {
         Hypothesis h = mirrored_points(
             "the points that sensor " + quoted(sensor.name) + " measures are mirrored", axis,
             "sensor", "its views");
         h.where = {Subject::sensor(sensor.name)};
-        h.undo = [s, axis, measures_something](Rig&, std::vector<Sample>& samples) {
-          for (Sample& sample : samples)
-            for (View& v : sample.views)
-              if (v.sensor == s && measures_something(v))
-                for (size_t i = axis; i < v.z.size(); i += 3) v.z[i] = -v.z[i];
-        };
+        h.undo = of_numbers(s, axis, 3, [](double z) { return z == 0 ? z : -z; });
         out.push_back(h);
       }
     }
@@ -77,90 +63,70 @@ void add_units(const Rig& rig, const ObservationIndex& observations, std::vector
     const bool pose = sensor.model->measurement_kind() == MeasurementKind::pose;
     if (!pose && sensor.model->measurement_kind() != MeasurementKind::points) continue;
     for (const LengthUnit& unit : other_length_units()) {
-      Hypothesis h;
-      h.kind = NoticeKind::square;
-      h.where = {Subject::sensor(sensor.name)};
-      h.mistake = std::string(pose ? "the positions" : "the points") + " that sensor " +
-                  quoted(sensor.name) + " measures are in " + unit.name;
-      h.cure = std::string("write metres into its views: ") + unit.cure;
-      h.new_poses = true;
-      h.rescaled = s;
-      h.factor = unit.metres;
-      h.undo = [s, pose, factor = unit.metres](Rig&, std::vector<Sample>& samples) {
-        for (Sample& sample : samples)
-          for (View& v : sample.views)
-            if (v.sensor == s)
-              for (size_t i = 0; i < (pose ? 3 : v.z.size()); ++i) v.z[i] *= factor;
-      };
-      out.push_back(std::move(h));
+      out.push_back({NoticeKind::square,
+                     {Subject::sensor(sensor.name)},
+                     std::string(pose ? "the positions" : "the points") + " that sensor " +
+                         quoted(sensor.name) + " measures are in " + unit.name,
+                     std::string("write metres into its views: ") + unit.cure,
+                     of_views(s, [pose, factor = unit.metres](const Rig&, View& v) {
+                       for (size_t i = 0; i < (pose ? 3 : v.z.size()); ++i) v.z[i] *= factor;
+                     })});
+      out.back().new_poses = true;
+      out.back().rescaled = s;
+      out.back().factor = unit.metres;
     }
   }
 }
 
-void add_poses(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
-  for (int s : observations.sensors) {
-    const Sensor& sensor = rig.sensors[s];
-    if (!sensor.pose_given || log_se3(sensor.link_T_sensor).norm() < 1e-6) continue;
-    Hypothesis h;
-    h.kind = NoticeKind::inverted_pose;
-    h.where = {Subject::sensor(sensor.name)};
-    h.mistake = "the pose of sensor " + quoted(sensor.name) +
-                " is given the wrong way round, as sensor_T_link";
-    h.cure = "replace sensors." + sensor.name +
-             ".pose by its inverse: it maps coordinates of the sensor" +
-             (sensor.model->measurement_kind() == MeasurementKind::chain ? "'s target" : "") +
-             " to the link's";
-    h.undo = [s](Rig& r) { r.sensors[s].link_T_sensor = inverse(r.sensors[s].link_T_sensor); };
-    out.push_back(h);
-  }
-  for (int t : observations.targets) {
-    const Target& target = rig.targets[t];
-    if (target.link < 0 || !target.pose_given || log_se3(target.link_T_target).norm() < 1e-6)
-      continue;
-    Hypothesis h;
-    h.kind = NoticeKind::inverted_pose;
-    h.where = {Subject::target(target.name)};
-    h.mistake = "the pose of target " + quoted(target.name) +
-                " is given the wrong way round, as target_T_link";
-    h.cure = "replace targets." + target.name +
-             ".mount.pose by its inverse: it maps coordinates of the target to the link's";
-    h.undo = [t](Rig& r) { r.targets[t].link_T_target = inverse(r.targets[t].link_T_target); };
-    out.push_back(h);
-  }
+namespace {
+
+/// A StatedPose is that of a sensor or mounted target that is seen, as the rig has it.
+struct StatedPose {
+  const char* kind;
+  Subject what;
+  std::string place, owner, maps;  // of a pose in the rig; "target"; "the sensor's target"
+  Pose pose;
+  std::function<Pose&(Rig&)> in;
+};
+
+std::vector<StatedPose> stated_poses(const Rig& rig, const ObservationIndex& observations) {
+  std::vector<StatedPose> out;
+  for (const int s : observations.sensors)
+    if (const Sensor& sensor = rig.sensors[s]; sensor.pose_given)
+      out.push_back(
+          {"sensor", Subject::sensor(sensor.name), "sensors." + sensor.name + ".pose", "sensor",
+           sensor.model->measurement_kind() == MeasurementKind::chain ? "sensor's target"
+                                                                      : "sensor",
+           sensor.link_T_sensor, [s](Rig& r) -> Pose& { return r.sensors[s].link_T_sensor; }});
+  for (const int t : observations.targets)
+    if (const Target& target = rig.targets[t]; target.link >= 0 && target.pose_given)
+      out.push_back({"target", Subject::target(target.name),
+                     "targets." + target.name + ".mount.pose", "target", "target",
+                     target.link_T_target,
+                     [t](Rig& r) -> Pose& { return r.targets[t].link_T_target; }});
+  return out;
 }
 
-void add_quaternions(const Rig& rig, const ObservationIndex& observations,
-                     std::vector<Hypothesis>& out) {
-  const auto add = [&](const std::string& kind, const Subject& what, const std::string& place,
-                       const Matrix3d& given, auto undo) {
-    if (is_cube_turn(given)) return;  // named as a turn: turned_poses.h
-    Hypothesis h;
-    h.kind = NoticeKind::quaternion;
-    h.rarer = true;
-    h.where = {what};
-    h.mistake =
-        "the pose of " + kind + " " + quoted(what.name) + " has its quaternion written w x y z";
-    h.cure = "write " + place + ".quat as [x, y, z, w]";
-    h.undo = undo;
-    out.push_back(std::move(h));
-  };
-  for (int s : observations.sensors) {
-    const Sensor& sensor = rig.sensors[s];
-    if (sensor.pose_given)
-      add("sensor", Subject::sensor(sensor.name), "sensors." + sensor.name + ".pose",
-          sensor.link_T_sensor.rotation, [s](Rig& r) {
-            Matrix3d& turn = r.sensors[s].link_T_sensor.rotation;
-            turn = of_w_x_y_z(turn);
-          });
-  }
-  for (int t : observations.targets) {
-    const Target& target = rig.targets[t];
-    if (target.link >= 0 && target.pose_given)
-      add("target", Subject::target(target.name), "targets." + target.name + ".mount.pose",
-          target.link_T_target.rotation, [t](Rig& r) {
-            Matrix3d& turn = r.targets[t].link_T_target.rotation;
-            turn = of_w_x_y_z(turn);
-          });
+}  // namespace
+
+void add_poses(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out) {
+  for (const StatedPose& given : stated_poses(rig, observations)) {
+    const std::string pose =
+        std::string("the pose of ") + given.kind + " " + quoted(given.what.name);
+    if (log_se3(given.pose).norm() >= 1e-6)
+      out.push_back({NoticeKind::inverted_pose,
+                     {given.what},
+                     pose + " is given the wrong way round, as " + given.owner + "_T_link",
+                     "replace " + given.place + " by its inverse: it maps coordinates of the " +
+                         given.maps + " to the link's",
+                     [in = given.in](Rig& r) { in(r) = inverse(in(r)); }});
+    if (is_cube_turn(given.pose.rotation)) continue;  // named as a turn: turned_poses.h
+    out.push_back({NoticeKind::quaternion,
+                   {given.what},
+                   pose + " has its quaternion written w x y z",
+                   "write " + given.place + ".quat as [x, y, z, w]",
+                   [in = given.in](Rig& r) { in(r).rotation = of_w_x_y_z(in(r).rotation); }});
+    out.back().rarer = true;
   }
 }
 
@@ -173,31 +139,28 @@ void add_sides(const Rig& rig, const ObservationIndex& observations, std::vector
       continue;
     if (target.link >= 0) {
       if (target.link == sensor.link) continue;
+      const bool pose = sensor.model->measurement_kind() == MeasurementKind::pose;
       for (bool poses : {false, true}) {
-        Hypothesis h;
-        h.kind = NoticeKind::eye_in_hand;
-        h.where = {Subject::sensor(sensor.name), Subject::target(target.name)};
-        h.mistake = "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
-                    " are on the wrong sides: the sensor sits on link " +
-                    quoted(rig.tree.links[target.link]) + " and the target on " +
-                    quoted(rig.tree.links[sensor.link]);
-        if (sensor.model->measurement_kind() == MeasurementKind::pose)
-          h.mistake +=
-              ", or its poses are the wrong way round, as those of the sensor in the target: the "
-              "data are the same";
-        h.cure =
-            "exchange sensors." + sensor.name + ".link and targets." + target.name + ".mount.link" +
-            (poses ? ", poses too" : "") +
-            (sensor.model->measurement_kind() == MeasurementKind::pose
-                 ? ". Or invert what it measures: sensor_T_target maps coordinates of the target "
-                   "to the sensor's"
-                 : "");
-        h.undo = [s, t, poses](Rig& r) {
-          std::swap(r.sensors[s].link, r.targets[t].link);
-          if (poses) std::swap(r.sensors[s].link_T_sensor, r.targets[t].link_T_target);
-        };
-        h.new_poses = true;
-        out.push_back(h);
+        out.push_back(
+            {NoticeKind::eye_in_hand,
+             {Subject::sensor(sensor.name), Subject::target(target.name)},
+             "sensor " + quoted(sensor.name) + " and target " + quoted(target.name) +
+                 " are on the wrong sides: the sensor sits on link " +
+                 quoted(rig.tree.links[target.link]) + " and the target on " +
+                 quoted(rig.tree.links[sensor.link]) +
+                 (pose ? ", or its poses are the wrong way round, as those of the sensor in the "
+                         "target: the data are the same"
+                       : ""),
+             "exchange sensors." + sensor.name + ".link and targets." + target.name +
+                 ".mount.link" + (poses ? ", poses too" : "") +
+                 (pose ? ". Or invert what it measures: sensor_T_target maps coordinates of the "
+                         "target to the sensor's"
+                       : ""),
+             [s, t, poses](Rig& r) {
+               std::swap(r.sensors[s].link, r.targets[t].link);
+               if (poses) std::swap(r.sensors[s].link_T_sensor, r.targets[t].link_T_target);
+             }});
+        out.back().new_poses = true;
       }
       continue;
     }
@@ -207,19 +170,17 @@ void add_sides(const Rig& rig, const ObservationIndex& observations, std::vector
           rig.sensors[other.first].link == sensor.link)
         continue;
       const int c = other.first;
-      Hypothesis h;
-      h.kind = NoticeKind::eye_in_hand;
-      h.where = {Subject::sensor(sensor.name), Subject::sensor(rig.sensors[c].name)};
-      h.mistake = "sensor " + quoted(sensor.name) + " and the hand " + quoted(rig.sensors[c].name) +
-                  " are on the wrong sides";
-      h.cure = "exchange sensors." + sensor.name + ".link and sensors." + rig.sensors[c].name +
-               ".link, poses too";
-      h.undo = [s, c](Rig& r) {
-        std::swap(r.sensors[s].link, r.sensors[c].link);
-        std::swap(r.sensors[s].link_T_sensor, r.sensors[c].link_T_sensor);
-      };
-      h.new_poses = true;
-      out.push_back(h);
+      out.push_back({NoticeKind::eye_in_hand,
+                     {Subject::sensor(sensor.name), Subject::sensor(rig.sensors[c].name)},
+                     "sensor " + quoted(sensor.name) + " and the hand " +
+                         quoted(rig.sensors[c].name) + " are on the wrong sides",
+                     "exchange sensors." + sensor.name + ".link and sensors." +
+                         rig.sensors[c].name + ".link, poses too",
+                     [s, c](Rig& r) {
+                       std::swap(r.sensors[s].link, r.sensors[c].link);
+                       std::swap(r.sensors[s].link_T_sensor, r.sensors[c].link_T_sensor);
+                     }});
+      out.back().new_poses = true;
     }
   }
 }
@@ -241,10 +202,7 @@ void add_baselines(const Rig& rig, const ParameterTable& table,
     const double baseline = baseline_of(sensor);
     const int parameter = table.index_of(ParameterKind::baseline, s);
     if (baseline == 0 || parameter < 0 || freed.parameter[parameter]) continue;
-    Hypothesis h;
-    h.kind = NoticeKind::baseline;
-    h.where = {Subject::sensor(sensor.name)};
-    h.undo = [](Rig&) {};
+    Hypothesis h{NoticeKind::baseline, {Subject::sensor(sensor.name)}};
     if (baseline > 0) {
       h.free = {table.all[parameter].name};
       h.told = [baseline, camera = sensor.name](const std::vector<double>& found) {
@@ -280,18 +238,14 @@ void add_exchanges(const Rig& rig, const ObservationIndex& observations,
       if (a >= b || !is_camera(rig.sensors[a]) || !is_camera(rig.sensors[b])) continue;
       // (A negative baseline looks the same, and is that.)
       if (std::min(baseline_of(rig.sensors[a]), baseline_of(rig.sensors[b])) < 0) continue;
-      Hypothesis h;
-      h.kind = NoticeKind::swapped_cameras;
-      h.where = {Subject::sensor(rig.sensors[a].name), Subject::sensor(rig.sensors[b].name)};
-      h.mistake = "cameras " + quoted(rig.sensors[a].name) + " and " + quoted(rig.sensors[b].name) +
-                  " are exchanged";
-      h.cure = "exchange the two names, in the rig or in the views";
-      h.undo = [a, b](Rig&, std::vector<Sample>& samples) {
-        for (Sample& s : samples)
-          for (View& v : s.views)
-            if (v.sensor == a || v.sensor == b) v.sensor = a + b - v.sensor;
-      };
-      out.push_back(h);
+      out.push_back({NoticeKind::swapped_cameras,
+                     {Subject::sensor(rig.sensors[a].name), Subject::sensor(rig.sensors[b].name)},
+                     "cameras " + quoted(rig.sensors[a].name) + " and " +
+                         quoted(rig.sensors[b].name) + " are exchanged",
+                     "exchange the two names, in the rig or in the views",
+                     of_views(-1, [a, b](const Rig&, View& v) {
+                       if (v.sensor == a || v.sensor == b) v.sensor = a + b - v.sensor;
+                     })});
     }
 }
 
@@ -320,8 +274,7 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
     for (int s : g.second) groups.insert({g.first, {s}});
   }
   for (const auto& group : groups) {
-    Hypothesis h;
-    h.kind = NoticeKind::rectified;
+    Hypothesis h{NoticeKind::rectified};
     h.estimated = !group.first;  // a lens that the rig leaves open
     std::string names;
     for (int s : group.second) {
@@ -366,37 +319,31 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
 
 namespace {
 
-/// Changes the rays of a scanning sensor.
-std::function<void(Rig&, std::vector<Sample>&)> each_ray(int sensor,
-                                                         std::function<void(double*)> change) {
-  return [sensor, change = std::move(change)](Rig&, std::vector<Sample>& all) {
-    for (Sample& sample : all)
-      for (View& v : sample.views)
-        if (v.sensor == sensor)
-          for (size_t i = 0; i + 2 < v.z.size(); i += 3) change(&v.z[i]);
-  };
+/// The largest of a scanning sensor's readings (0), bearings (1) or ranges (2).
+double largest_of(const std::vector<Sample>& samples, int sensor, size_t number) {
+  double out = 0;
+  for (const Sample& sample : samples)
+    for (const View& v : sample.views)
+      for (size_t i = number; v.sensor == sensor && i < v.z.size(); i += 3)
+        out = std::max(out, std::abs(v.z[i]));
+  return out;
 }
 
 /// Ranges that are further than a scanner sees.
 void add_ranges(const Rig& rig, const std::vector<Sample>& samples, int sensor,
                 std::vector<Hypothesis>& out) {
   constexpr double kFarRange = 30, kNearRange = 0.1;
-  double most = 0;
-  for (const Sample& sample : samples)
-    for (const View& v : sample.views)
-      if (v.sensor == sensor)
-        for (size_t i = 2; i < v.z.size(); i += 3) most = std::max(most, v.z[i]);
+  const double most = largest_of(samples, sensor, 2);
   for (const LengthUnit& unit : other_length_units()) {
     if (most < kFarRange || unit.metres * most > kFarRange || unit.metres * most < kNearRange)
       continue;
-    Hypothesis h;
-    h.kind = NoticeKind::units;
-    h.where = {Subject::sensor(rig.sensors[sensor].name)};
-    h.mistake = "the ranges of sensor " + quoted(h.where[0].name) + " are in " + unit.name;
-    h.cure = std::string("write metres into its rays: ") + unit.cure;
-    h.new_poses = true;
-    h.undo = each_ray(sensor, [factor = unit.metres](double* ray) { ray[2] *= factor; });
-    out.push_back(std::move(h));
+    out.push_back(
+        {NoticeKind::units,
+         {Subject::sensor(rig.sensors[sensor].name)},
+         "the ranges of sensor " + quoted(rig.sensors[sensor].name) + " are in " + unit.name,
+         std::string("write metres into its rays: ") + unit.cure,
+         of_numbers(sensor, 2, 3, [factor = unit.metres](double z) { return z * factor; })});
+    out.back().new_poses = true;
   }
 }
 
@@ -408,18 +355,19 @@ void add_ray_orders(const Rig& rig, int sensor, std::vector<Hypothesis>& out) {
         std::array<int, 3>{0, 2, 1}, std::array<int, 3>{2, 1, 0}}) {  // where each number stands
     std::array<const char*, 3> given{};
     for (int k = 0; k < 3; ++k) given[at[k]] = kNumbers[k];
-    Hypothesis h;
-    h.kind = NoticeKind::convention;
-    h.where = {Subject::sensor(rig.sensors[sensor].name)};
-    h.mistake = "the rays of sensor " + quoted(h.where[0].name) +
-                " have their values in the order " + given[0] + ", " + given[1] + ", " + given[2];
-    h.cure = "write [reading of the joint, bearing, range]";
-    h.new_poses = true;
-    h.undo = each_ray(sensor, [at](double* ray) {
-      const std::array<double, 3> old = {ray[0], ray[1], ray[2]};
-      for (int k = 0; k < 3; ++k) ray[k] = old[at[k]];
-    });
-    out.push_back(std::move(h));
+    out.push_back({NoticeKind::convention,
+                   {Subject::sensor(rig.sensors[sensor].name)},
+                   "the rays of sensor " + quoted(rig.sensors[sensor].name) +
+                       " have their values in the order " + given[0] + ", " + given[1] + ", " +
+                       given[2],
+                   "write [reading of the joint, bearing, range]",
+                   of_views(sensor, [at](const Rig&, View& v) {
+                     for (size_t i = 0; i + 2 < v.z.size(); i += 3) {
+                       const std::array<double, 3> old = {v.z[i], v.z[i + 1], v.z[i + 2]};
+                       for (size_t k = 0; k < 3; ++k) v.z[i + k] = old[at[k]];
+                     }
+                   })});
+    out.back().new_poses = true;
   }
 }
 
@@ -430,34 +378,16 @@ void add_bearings(const Rig& rig, const std::vector<Sample>& samples,
   for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
     if (!sensor.model->scans()) continue;
-    double most = 0;
-    for (const Sample& sample : samples)
-      for (const View& v : sample.views)
-        if (v.sensor == s)
-          for (size_t i = 1; i < v.z.size(); i += 3) most = std::max(most, std::abs(v.z[i]));
-    const auto bearings = [s](double factor) {
-      return [s, factor](Rig&, std::vector<Sample>& all) {
-        for (Sample& sample : all)
-          for (View& v : sample.views)
-            if (v.sensor == s)
-              for (size_t i = 1; i < v.z.size(); i += 3) v.z[i] *= factor;
-      };
-    };
-    Hypothesis h;
-    h.where = {Subject::sensor(sensor.name)};
-    if (most > kPi + 0.1) {
-      h.kind = NoticeKind::degrees;
-      h.mistake = "the bearings of sensor " + quoted(sensor.name) + " are degrees";
-      h.cure = "write radians: multiply them by pi / 180";
-      h.undo = bearings(kPi / 180);
-    } else {
-      h.kind = NoticeKind::mirrored;
-      h.mistake = "the rays of sensor " + quoted(sensor.name) +
-                  " are mirrored: their bearings have the wrong sign";
-      h.cure = "change the sign of its bearings: they count from x towards y";
-      h.undo = bearings(-1);
-    }
-    out.push_back(h);
+    const bool degrees = largest_of(samples, s, 1) > kPi + 0.1;
+    const double factor = degrees ? kPi / 180 : -1;
+    const std::string of = " of sensor " + quoted(sensor.name) + " are ";
+    out.push_back({degrees ? NoticeKind::degrees : NoticeKind::mirrored,
+                   {Subject::sensor(sensor.name)},
+                   degrees ? "the bearings" + of + "degrees"
+                           : "the rays" + of + "mirrored: their bearings have the wrong sign",
+                   degrees ? "write radians: multiply them by pi / 180"
+                           : "change the sign of its bearings: they count from x towards y",
+                   of_numbers(s, 1, 3, [factor](double z) { return z * factor; })});
     add_ranges(rig, samples, s, out);
     add_ray_orders(rig, s, out);
   }
@@ -551,8 +481,7 @@ void add_links(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
       if (is_between_axes(rig.tree, link) || faces(rig, samples, seat, link) ||
           !readings_move_between(rig, samples, seat, link))
         continue;
-      Hypothesis h;
-      h.kind = NoticeKind::wrong_link;
+      Hypothesis h{NoticeKind::wrong_link};
       h.many = true;
       for (int s : seat.sensors) h.where.push_back(Subject::sensor(rig.sensors[s].name));
       if (seat.target >= 0) h.where.push_back(Subject::target(rig.targets[seat.target].name));

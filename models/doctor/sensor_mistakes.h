@@ -13,11 +13,9 @@ void add_mirrors(const Rig& rig, const ObservationIndex& observations,
                  std::vector<Hypothesis>& out);
 /// Adds measured points and positions in millimetres, centimetres, inches or feet.
 void add_units(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);
-/// Adds poses of sensors and mounted targets that are given the wrong way round.
+/// Adds poses of sensors and mounted targets that are given the wrong way round, or whose
+/// quaternions are written w x y z.
 void add_poses(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);
-/// Adds poses of sensors and mounted targets whose quaternions are written w x y z.
-void add_quaternions(const Rig& rig, const ObservationIndex& observations,
-                     std::vector<Hypothesis>& out);
 /// Adds sensors on the link of their target, and targets on the link of their sensor.
 void add_sides(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);
 /// Adds baselines that are wrong or have the wrong sign, where the rig does not free them.

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <utility>
 
 #include "../../kinematics/floating.h"
+#include "../analysis/residuals.h"
 #include "../estimation/estimation.h"
 #include "../evidence/linear_model.h"
 #include "../rig/words.h"
@@ -14,11 +14,8 @@ namespace kincal {
 namespace {
 
 constexpr double kWrong = 5;         // times as large or small as stated
-constexpr double kKnown = 0.3;       // relative uncertainty of a level
-constexpr double kErrAlike = 0.3;    // correlation of neighbouring points
 constexpr double kSampleApart = 10;  // times the median sample's mean square
-constexpr double kMiddle = 0.3;      // the median over the root mean square; of noise 0.67
-constexpr int kPointsOfAView = 4;    // so many have neighbours
+constexpr double kKnown = 0.3;       // relative uncertainty of a level
 constexpr double kAsStated = 2;      // times the stated size: a sensor that needs no explanation
 
 /// The noise of a part of a sensor, or of a joint, as stated and as found.
@@ -88,22 +85,8 @@ bool spread_evenly(const Recording& recording, const TrialContext& context, cons
   Estimation problem(recording, indices(recording.samples.size()), setup);
   const VectorXd state = problem.pack(now.values);
   problem.renew(state);
-  double products = 0, sum = 0;
-  std::map<int, std::vector<double>> sizes;  // of single residuals, by sensor
-  for (const ViewResiduals& v : problem.residuals(state)) {
-    for (double r : v.whitened) sizes[v.view->sensor].push_back(std::abs(r));
-    const Eigen::Index points = static_cast<Eigen::Index>(v.view->ids.size());
-    if (points < kPointsOfAView || v.raw.size() < points) continue;
-    const Eigen::Index rest = v.raw.size() - v.raw.size() / points;
-    products += v.raw.head(rest).dot(v.raw.tail(rest));
-    sum += v.raw.head(rest).squaredNorm();
-  }
-  const auto few_are_large = [](const auto& of_sensor) {
-    Mean square;
-    for (double r : of_sensor.second) square.sum += r * r, ++square.count;
-    return median(of_sensor.second) < kMiddle * std::sqrt(square.value());
-  };
-  return !(products > kErrAlike * sum) && std::none_of(sizes.begin(), sizes.end(), few_are_large);
+  const std::vector<ViewResiduals> views = problem.residuals(state);
+  return !neighbours_err_alike(recording.samples, views) && !few_are_far(recording.samples, views);
 }
 
 }  // namespace

@@ -37,33 +37,19 @@ TrialFit robust_fit(const Recording& recording, const TrialContext& context) {
   TrialOptions o;
   o.iterations = 15;
   o.relative_decrease = 1e-3;
-  TrialFit now;
-  double scale = 0;
+  o.loss = Loss{LossKind::cauchy, 3, true};
+  TrialFit out;
+  double least = kInfinity;
   for (bool closed_form : {false, true}) {
     if (closed_form && !context.given_poses_freed) break;
-    // Residuals at the start: what the median sample has.
-    TrialOptions start = o;
-    start.iterations = 0;
-    start.closed_form = closed_form;
-    TrialFit trial = trial_fit(recording, context, {context.all}, start);
-    const double typical = std::sqrt(median_of_finite(trial.sample));
-    if (std::isnan(typical) || (scale > 0 && typical > scale)) continue;
-    scale = typical;
-    now = std::move(trial);
+    o.closed_form = closed_form;
+    TrialFit trial = trial_fit(recording, context, {context.all}, o);
+    const double typical = median_of_finite(trial.sample);
+    if (!(typical < least)) continue;
+    least = typical;
+    out = std::move(trial);
   }
-  if (!(scale > 0)) return now;
-  for (int i = 0; i < 12; ++i) {
-    o.loss = Loss{LossKind::cauchy, std::max(3.0, 2 * scale)};
-    const Values start = now.values;
-    o.start = &start;
-    now = trial_fit(recording, context, {context.all}, o);
-    const double typical = std::sqrt(median_of_finite(now.sample));
-    if (std::isnan(typical)) break;
-    const bool settled = typical > 0.8 * scale;
-    scale = typical;
-    if (settled) break;
-  }
-  return now;
+  return out;
 }
 
 std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialContext& context,
@@ -123,10 +109,8 @@ std::optional<Hypothesis> bad_samples(const Recording& recording, const TrialCon
         if (v.sensor == static_cast<int>(s)) seen = true, left = left || !bad.count(sample.id);
     if (seen && !left) return std::nullopt;
   }
-  Hypothesis h;
-  h.kind = NoticeKind::bad_samples;
+  Hypothesis h{NoticeKind::bad_samples, subjects(Subject::Kind::sample, {bad.begin(), bad.end()})};
   h.leaves_out = true;
-  h.where = subjects(Subject::Kind::sample, {bad.begin(), bad.end()});
   const bool one = bad.size() == 1;
   if (single_points(recording.samples, bad)) {
     h.mistake = std::string(one ? "sample " : "samples ") + joined(names_of(h.where)) +
@@ -248,9 +232,7 @@ std::optional<Hypothesis> outlier_points(const Recording& recording, const Trial
   const FarPoint& worst = far.front();
   const Sensor& sensor = recording.rig.sensors[worst.view->sensor];
   const bool pixels = sensor.model->measurement_kind() == MeasurementKind::rays;
-  Hypothesis h;
-  h.kind = NoticeKind::outlier_points;
-  h.where = subjects(Subject::Kind::sample, samples);
+  Hypothesis h{NoticeKind::outlier_points, subjects(Subject::Kind::sample, samples)};
   h.leaves_out = true;
   h.mistake = std::to_string(far.size()) + " of " + std::to_string(points) +
               (far.size() == 1 ? " points lies" : " points lie") +

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <map>
 #include <set>
@@ -11,6 +12,7 @@
 #include "../rig/numbers.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
+#include "two_parts.h"
 
 namespace kincal {
 namespace {
@@ -90,6 +92,27 @@ std::vector<OtherLayout> exchanged_layouts(const Target& target) {
   return out;
 }
 
+Undo laid_out_anew(int target, Eigen::Matrix3Xd layout) {
+  return [target, layout = std::move(layout)](Rig& r) { set_layout(r.targets[target], layout); };
+}
+
+const char* const kMoved = " (moved)";
+
+/// Makes what some views of a target show a target of its own, whose name ends so; its index.
+int stand_elsewhere(Rig& rig, std::vector<Sample>& samples, int target, const std::string& name,
+                    const std::function<bool(const Sample&, const View&)>& shows_it) {
+  const int other = static_cast<int>(rig.targets.size());
+  Target copy = rig.targets[target];
+  copy.name += name;
+  copy.mount_joint = -1;
+  copy.pose_given = false;
+  rig.targets.push_back(std::move(copy));
+  for (Sample& sample : samples)
+    for (View& v : sample.views)
+      if (v.target == target && shows_it(sample, v)) v.target = other;
+  return other;
+}
+
 /// The number of points of the board that the views show, as far as their ids tell: the largest
 /// and one. `complete`: all views show as many.
 int points_seen(const std::vector<Sample>& samples, int target, bool& complete) {
@@ -165,22 +188,15 @@ void add_boards(const Rig& rig, const ObservationIndex& observations,
        "reverse the order of the rows of points in these views"}};
   const auto add = [&](const Relabeling& r, const Subjects& where, const std::string& clause,
                        const std::map<int, std::vector<int>>& places, int sensor) {
-    Hypothesis h;
-    h.kind = r.kind;
-    h.where = where;
-    h.mistake = clause + " " + r.numbering;
-    h.cure = r.cure;
-    h.numbered_by_markers = std::all_of(places.begin(), places.end(), [&](const auto& p) {
+    out.push_back({r.kind, where, clause + " " + r.numbering, r.cure,
+                   of_views(sensor, [places](const Rig& changed, View& v) {
+                     if (places.count(v.target) &&
+                         !changed.sensors[v.sensor].model->measures_pose())
+                       relabel(v, changed.targets[v.target], places.at(v.target));
+                   })});
+    out.back().numbered_by_markers = std::all_of(places.begin(), places.end(), [&](const auto& p) {
       return numbered_by_markers(rig.targets[p.first]);
     });
-    h.undo = [places, sensor](Rig& changed, std::vector<Sample>& samples) {
-      for (Sample& sample : samples)
-        for (View& v : sample.views)
-          if (places.count(v.target) && (sensor < 0 || v.sensor == sensor) &&
-              !changed.sensors[v.sensor].model->measures_pose())
-            relabel(v, changed.targets[v.target], places.at(v.target));
-    };
-    out.push_back(std::move(h));
   };
   std::map<int, std::set<int>> seen, observers;  // grids by sensor, and the other way round
   for (const auto& pair : observations.pairs)
@@ -189,21 +205,18 @@ void add_boards(const Rig& rig, const ObservationIndex& observations,
   for (const auto& t : observers) {
     const Target& target = rig.targets[t.first];
     for (OtherLayout& other : exchanged_layouts(target)) {
-      Hypothesis h;
-      h.kind = other.exchanged ? NoticeKind::rows_columns : NoticeKind::numbering;
-      h.where = {Subject::target(target.name)};
-      h.mistake = other.exchanged ? "rows and columns of target " + quoted(target.name) +
-                                        " are exchanged: its points are numbered " + other.numbering
-                                  : "the points of target " + quoted(target.name) +
-                                        " are numbered " + other.numbering;
-      h.cure = other.exchanged
-                   ? "exchange targets." + target.name +
-                         ".rows and .columns in the rig, or number the points row by row"
-                   : renumber;
-      h.undo = [target_index = t.first, layout = std::move(other.layout)](Rig& r) {
-        set_layout(r.targets[target_index], layout);
-      };
-      out.push_back(h);
+      const std::string name = "target " + quoted(target.name);
+      out.push_back(
+          {other.exchanged ? NoticeKind::rows_columns : NoticeKind::numbering,
+           {Subject::target(target.name)},
+           (other.exchanged
+                ? "rows and columns of " + name + " are exchanged: its points are numbered "
+                : "the points of " + name + " are numbered ") +
+               other.numbering,
+           other.exchanged ? "exchange targets." + target.name +
+                                 ".rows and .columns in the rig, or number the points row by row"
+                           : renumber,
+           laid_out_anew(t.first, std::move(other.layout))});
     }
     for (const Relabeling& r : relabelings) {
       const std::vector<int> places = relabeling(target, r.m);
@@ -253,30 +266,27 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples,
         continue;
       const bool squares =
           complete && width == shape.columns - 1 && seen == (shape.rows - 1) * (shape.columns - 1);
-      Hypothesis h;
-      h.kind = NoticeKind::board_columns;
-      h.where = {Subject::target(target.name)};
-      h.mistake = "the points of target " + quoted(target.name) + " are numbered in rows of " +
-                  std::to_string(width) + ", but the rig's board has " +
-                  std::to_string(shape.columns) + " in a row";
-      if (squares) h.mistake += ": the rig counts squares in place of inner corners";
-      const int more = width - shape.columns;
-      h.cure =
-          "count rows and columns again (inner corners, not squares; of a charuco board "
-          "squares): targets." +
-          target.name + ".columns is one" + (more > 0 ? " too small" : " too large") +
-          (complete ? text(", and the points seen make %d rows", seen / width) : "");
-      h.undo = [t, layout = laid_out(target, shape, [&](int i) {
-                     return std::make_pair(i / width, i % width);
-                   })](Rig& r) { set_layout(r.targets[t], layout); };
-      out.push_back(h);
+      out.push_back({NoticeKind::board_columns,
+                     {Subject::target(target.name)},
+                     "the points of target " + quoted(target.name) + " are numbered in rows of " +
+                         std::to_string(width) + ", but the rig's board has " +
+                         std::to_string(shape.columns) + " in a row" +
+                         (squares ? ": the rig counts squares in place of inner corners" : ""),
+                     "count rows and columns again (inner corners, not squares; of a charuco board "
+                     "squares): targets." +
+                         target.name + ".columns is one" +
+                         (width > shape.columns ? " too small" : " too large") +
+                         (complete ? text(", and the points seen make %d rows", seen / width) : ""),
+                     laid_out_anew(t, laid_out(target, shape, [&](int i) {
+                                     return std::make_pair(i / width, i % width);
+                                   }))});
     }
   }
 }
 
 void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples,
                          const ObservationIndex& observations, std::vector<Hypothesis>& out) {
-  std::map<int, std::vector<Hypothesis>> all;  // by what the ids are too large
+  std::map<int, std::map<int, Eigen::Matrix3Xd>> all;  // by what the ids are too large, and target
   for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     const GridShape shape = shape_of(target);
@@ -289,37 +299,29 @@ void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples,
     for (const int by : {1, -1}) {
       if (seen[by > 0 ? 0 : target.count() - 1] || !std::count(seen.begin(), seen.end(), 1))
         continue;
-      Hypothesis h;
-      h.kind = NoticeKind::numbering;
-      h.where = {Subject::target(target.name)};
-      h.mistake = "the ids of the points of target " + quoted(target.name) + " are one too " +
-                  (by > 0 ? "large" : "small");
-      h.cure = by > 0 ? "subtract 1 from these ids: they count from 0"
-                      : "add 1 to these ids: the first point is 0";
-      h.undo = [t, layout = laid_out(target, shape, [&](int i) {
-                     const int own = i - by + shape.columns;  // (not negative)
-                     return std::make_pair(own / shape.columns - 1, own % shape.columns);
-                   })](Rig& r) { set_layout(r.targets[t], layout); };
-      out.push_back(h);
-      all[by].push_back(std::move(h));
+      all[by][t] = laid_out(target, shape, [&](int i) {
+        const int own = i - by + shape.columns;  // (not negative)
+        return std::make_pair(own / shape.columns - 1, own % shape.columns);
+      });
     }
   }
-  for (auto& [by, each] : all) {  // of one detector
-    if (each.size() < 2) continue;
-    Hypothesis h;
-    h.kind = NoticeKind::numbering;
-    std::vector<Undo> undo;
-    for (const Hypothesis& one : each) {
-      h.where.push_back(one.where[0]);
-      undo.push_back(one.undo);
-    }
-    h.mistake = "the ids of the points of targets " + joined(names_of(h.where)) + " are one too " +
-                (by > 0 ? "large" : "small");
-    h.cure = each[0].cure;
-    h.undo = [undo](Rig& r, std::vector<Sample>& s) {
-      for (const auto& change : undo) change(r, s);
-    };
-    out.push_back(std::move(h));
+  const auto add = [&](int by, const std::map<int, Eigen::Matrix3Xd>& layouts) {
+    Subjects where;
+    for (const auto& [t, layout] : layouts) where.push_back(Subject::target(rig.targets[t].name));
+    out.push_back({NoticeKind::numbering, where,
+                   "the ids of the points of " +
+                       (where.size() > 1 ? "targets " + joined(names_of(where))
+                                         : "target " + quoted(where[0].name)) +
+                       " are one too " + (by > 0 ? "large" : "small"),
+                   by > 0 ? "subtract 1 from these ids: they count from 0"
+                          : "add 1 to these ids: the first point is 0",
+                   [layouts](Rig& r) {
+                     for (const auto& [t, layout] : layouts) set_layout(r.targets[t], layout);
+                   }});
+  };
+  for (const auto& [by, layouts] : all) {
+    for (const auto& one : layouts) add(by, {one});
+    if (layouts.size() > 1) add(by, layouts);  // of one detector
   }
 }
 
@@ -405,25 +407,19 @@ void add_point_orders(const Rig& rig, const std::vector<Sample>& samples,
     for (const std::vector<int>& order : orders) {
       std::string list;
       for (int p : order) list += (list.empty() ? "" : ", ") + std::to_string(p);
-      Hypothesis h;
-      h.kind = NoticeKind::numbering;
-      h.where = {Subject::target(target.name), Subject::sensor(sensor.name)};
-      h.mistake = "sensor " + quoted(sensor.name) + " sees the points of target " +
-                  quoted(target.name) +
-                  " in another order than the rig lists them: its first, second, ... are the "
-                  "rig's points " +
-                  list + " (counted from 0)";
-      h.cure =
-          "list targets." + target.name +
-          ".points in the order in which they are measured, or write these indices as ids into "
-          "the views";
-      h.undo = [pair, order](Rig& r, std::vector<Sample>& all) {
-        for (Sample& sample : all)
-          for (View& v : sample.views)
-            if (v.target == pair.second && v.sensor == pair.first)
-              relabel(v, r.targets[pair.second], order);
-      };
-      out.push_back(std::move(h));
+      out.push_back(
+          {NoticeKind::numbering,
+           {Subject::target(target.name), Subject::sensor(sensor.name)},
+           "sensor " + quoted(sensor.name) + " sees the points of target " + quoted(target.name) +
+               " in another order than the rig lists them: its first, second, ... are the rig's "
+               "points " +
+               list + " (counted from 0)",
+           "list targets." + target.name +
+               ".points in the order in which they are measured, or write these indices as ids "
+               "into the views",
+           of_views(pair.first, [t = pair.second, order](const Rig& r, View& v) {
+             if (v.target == t) relabel(v, r.targets[t], order);
+           })});
     }
   }
 }
@@ -467,25 +463,18 @@ void add_apart(const Rig& rig, const std::vector<Sample>& samples, std::vector<H
     }
     for (const int s : sensors) {
       const std::string sensor = quoted(rig.sensors[s].name), target = quoted(rig.targets[t].name);
-      Hypothesis h;
-      h.kind = NoticeKind::views_apart;
-      h.many = true;
-      h.where = {Subject::sensor(rig.sensors[s].name), Subject::target(rig.targets[t].name)};
-      h.mistake =
-          "the views of sensor " + sensor + " show target " + target +
-          " in a different place than the other views from the same body in the same samples";
-      h.cure =
-          "a sample must be one moment: check whether this sensor's views are in another order, or "
-          "late; if it sees another object, give that object its own entry in targets";
-      h.undo = [s, t = static_cast<int>(t)](Rig& r, std::vector<Sample>& changed) {
-        Target own = r.targets[t];
-        own.name += " (seen by " + r.sensors[s].name + ")";
-        r.targets.push_back(std::move(own));
-        for (Sample& sample : changed)
-          for (View& v : sample.views)
-            if (v.sensor == s && v.target == t) v.target = static_cast<int>(r.targets.size()) - 1;
-      };
-      out.push_back(std::move(h));
+      out.push_back(
+          {NoticeKind::views_apart,
+           {Subject::sensor(rig.sensors[s].name), Subject::target(rig.targets[t].name)},
+           "the views of sensor " + sensor + " show target " + target +
+               " in a different place than the other views from the same body in the same samples",
+           "a sample must be one moment: check whether this sensor's views are in another order, "
+           "or late; if it sees another object, give that object its own entry in targets",
+           [s, t = static_cast<int>(t)](Rig& r, std::vector<Sample>& changed) {
+             stand_elsewhere(r, changed, t, " (seen by " + r.sensors[s].name + ")",
+                             [s](const Sample&, const View& v) { return v.sensor == s; });
+           }});
+      out.back().many = true;
     }
   }
 }
@@ -497,20 +486,11 @@ namespace {
 constexpr int kFewestBefore = 3;  // samples on either side
 constexpr double kPause = 4;      // times the usual time between samples
 
-/// What the views from a sample on show, as a target of its own. `from`: ids of the samples.
+/// The same of a target that was moved. `from`: ids of the samples after that.
 int stand_elsewhere(Rig& rig, std::vector<Sample>& samples, int target,
                     const std::set<std::string>& from) {
-  const int other = static_cast<int>(rig.targets.size());
-  Target copy = rig.targets[target];
-  copy.name += " (moved)";
-  copy.mount_joint = -1;
-  copy.pose_given = false;
-  rig.targets.push_back(std::move(copy));
-  for (Sample& sample : samples)
-    if (from.count(sample.id))
-      for (View& v : sample.views)
-        if (v.target == target) v.target = other;
-  return other;
+  return stand_elsewhere(rig, samples, target, kMoved,
+                         [&](const Sample& s, const View&) { return from.count(s.id) > 0; });
 }
 
 /// Where a target stands elsewhere, if it was moved once.
@@ -523,7 +503,7 @@ struct MovedTarget {
 
 /// The numbers of the target that the steps free, of its copy; the pose first.
 std::vector<std::string> free_of_copy(const TrialContext& context, const std::string& name) {
-  const std::string old = "target/" + name + "/", copy = "target/" + name + " (moved)/";
+  const std::string old = "target/" + name + "/", copy = "target/" + name + kMoved + "/";
   std::vector<std::string> out = {copy + "pose"};
   for (const std::string& free : context.all.free)
     if (free.rfind(old, 0) == 0 && free.rfind(old + "pose", 0) != 0)
@@ -556,8 +536,7 @@ MovedTarget move_from(const Recording& recording, const TrialContext& context, i
   return out;
 }
 
-/// The sample from which on the fit is best: at the longest pause between samples, or, since a
-/// sample on the wrong side costs the more the more of them there are, by halving.
+/// The sample from which on the fit is best; where the pause between samples is longest, too.
 MovedTarget find_move(const Recording& recording, const TrialContext& context, int target) {
   const std::vector<Sample>& samples = recording.samples;
   std::vector<int> seen;
@@ -565,17 +544,9 @@ MovedTarget find_move(const Recording& recording, const TrialContext& context, i
     if (std::any_of(samples[i].views.begin(), samples[i].views.end(),
                     [&](const View& v) { return v.target == target; }))
       seen.push_back(i);
-  const int n = static_cast<int>(seen.size()), last = n - kFewestBefore;
-  std::map<int, MovedTarget> tried;
-  MovedTarget best;
-  int at = 0;
-  const auto look = [&](int k) {
-    if (k < kFewestBefore || k > last || tried.count(k)) return;
-    tried[k] = move_from(recording, context, target, seen, static_cast<size_t>(k));
-    if (tried[k].cost < best.cost) best = tried[k], at = k;
-  };
+  const int n = static_cast<int>(seen.size());
   double longest = 0;
-  int pause = -1;
+  int pause = 0;
   std::vector<double> pauses;
   for (int k = 1; k < n; ++k) {
     const auto &before = samples[seen[k - 1]].time, &after = samples[seen[k]].time;
@@ -583,14 +554,14 @@ MovedTarget find_move(const Recording& recording, const TrialContext& context, i
     pauses.push_back(*after - *before);
     if (pauses.back() > longest) longest = pauses.back(), pause = k;
   }
-  if (longest > kPause * median(pauses, kInfinity)) look(pause);
-  for (const int quarter : {1, 2, 3}) look(n * quarter / 4);
-  for (int step = std::max(1, n / 8);; step /= 2) {
-    const int middle = at;
-    look(middle - step), look(middle + step);
-    if (step <= 1 && at == middle) return best;
-    step = std::max(step, 2);
-  }
+  MovedTarget best;
+  best_cut(n, kFewestBefore, longest > kPause * median(pauses, kInfinity) ? pause : 0, [&](int k) {
+    MovedTarget moved = move_from(recording, context, target, seen, static_cast<size_t>(k));
+    const double cost = moved.cost;
+    if (cost < best.cost) best = std::move(moved);
+    return cost;
+  });
+  return best;
 }
 
 }  // namespace
@@ -604,20 +575,18 @@ std::optional<Hypothesis> moved_target(const Recording& recording, const TrialCo
     }
   if (best.target < 0) return std::nullopt;
   const std::string& name = recording.rig.targets[best.target].name;
-  Hypothesis h;
-  h.kind = NoticeKind::moved_target;
-  h.where = {Subject::target(name), Subject::sample(best.first)};
-  h.mistake = "target " + quoted(name) + " moved at sample " + quoted(best.first) + ": by " +
-              text("%.3g mm", 1e3 * best.distance) + text(" and %.3g mrad", 1e3 * best.angle);
-  h.cure =
+  Hypothesis h{
+      NoticeKind::moved_target,
+      {Subject::target(name), Subject::sample(best.first)},
+      "target " + quoted(name) + " moved at sample " + quoted(best.first) + ": by " +
+          text("%.3g mm", 1e3 * best.distance) + text(" and %.3g mrad", 1e3 * best.angle),
       "calibrate the samples before and after the move separately; or give it a second entry in "
       "targets, with the same geometry and link and without pose, and name that one in the views "
-      "from there on";
+      "from there on",
+      [target = best.target, from = best.from](Rig& r, std::vector<Sample>& changed) {
+        stand_elsewhere(r, changed, target, from);
+      }};
   h.free = free_of_copy(context, name);
-  h.told = [said = std::make_pair(h.mistake, h.cure)](const std::vector<double>&) { return said; };
-  h.undo = [target = best.target, from = best.from](Rig& r, std::vector<Sample>& changed) {
-    stand_elsewhere(r, changed, target, from);
-  };
   return h;
 }
 

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <numeric>
 #include <set>
 #include <stdexcept>
 
-#include "../../solver/levenberg_marquardt.h"
 #include "../calibration/plan.h"
+#include "../fitting/fit.h"
 #include "../fitting/starts.h"
 #include "../rig/scales.h"
 #include "../rig/selection.h"
@@ -100,7 +99,6 @@ ResolvedSpecs resolve(const ParameterTable& table, const std::vector<FitSpec>& s
 /// freed poses count from.
 VectorXd first_values(const Recording& recording, const ResolvedSpecs& resolved,
                       const TrialOptions& options, const TargetStarts& how, Values& values) {
-  const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   if (options.start) {
     values = *options.start;
@@ -108,14 +106,11 @@ VectorXd first_values(const Recording& recording, const ResolvedSpecs& resolved,
   }
   values.shared = table.initial;
   std::vector<int> unknown;
-  const auto add = [&](int p, bool given) {
-    if (resolved.whole[p] && !resolved.prior[p] && (options.closed_form || !given))
-      unknown.push_back(p);
-  };
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    add(table.sensor_pose[s], rig.sensors[s].pose_given);
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0) add(table.target_pose[t], rig.targets[t].pose_given);
+  for (const std::vector<int>* all : {&table.sensor_pose, &table.target_pose})
+    for (const int p : *all)
+      if (p >= 0 && resolved.whole[p] && !resolved.prior[p] &&
+          (options.closed_form || !is_given(recording.rig, table.all[p])))
+        unknown.push_back(p);
   std::vector<char> taken(table.all.size(), 0);
   for (const int p : unknown) taken[p] = 1;
   std::vector<OriginProxy> mounts;
@@ -138,76 +133,8 @@ VectorXd first_values(const Recording& recording, const ResolvedSpecs& resolved,
   return values.shared;
 }
 
-/// What a spec can start from: the problem of all samples that have finite residuals there.
-struct Startable {
-  std::unique_ptr<Estimation> problem;
-  std::vector<int> undefined;  // other samples, by index, ascending: a free target has no start, or
-                               // a point lies behind a camera there
-};
-
-/// Starts the free targets of all samples, in `values`, and leaves out what cannot start.
-Startable leave_out_undefined(const Recording& recording, const EstimationSetup& setup,
-                              const TargetStarts& how, Values& values) {
-  Startable out;
-  std::vector<int> samples;
-  for (int s : indices(recording.samples.size())) try {
-      start_targets(recording, {s}, setup.sensors, setup.loss, values, how);
-      samples.push_back(s);
-    } catch (const std::runtime_error&) {
-      out.undefined.push_back(s);
-    }
-  out.problem = std::make_unique<Estimation>(recording, samples, setup);
-  Estimation& trial = *out.problem;
-  const VectorXd state = trial.pack(values);
-  trial.renew(state);
-  std::set<int> bad;
-  Cost cost;
-  for (size_t g = 0; g < trial.groups().size(); ++g)
-    if (!trial.evaluate(static_cast<int>(g), state, 0, cost) || !std::isfinite(cost.doubled))
-      bad.insert(trial.sample_of(static_cast<int>(g)));
-  if (bad.empty()) return out;
-  samples.erase(
-      std::remove_if(samples.begin(), samples.end(), [&](int s) { return bad.count(s) > 0; }),
-      samples.end());
-  out.problem = std::make_unique<Estimation>(recording, samples, setup);
-  out.undefined.insert(out.undefined.end(), bad.begin(), bad.end());
-  std::sort(out.undefined.begin(), out.undefined.end());
-  return out;
-}
-
 // ------------------------------------------------------------------------------------------------
 // where it ends
-struct TrialMinimum {
-  VectorXd state;
-  Cost cost;
-  bool gave_up = false;  // by TrialOptions::give_up
-};
-
-/// Minimises from `values` and writes the end there. @throws Cancelled
-TrialMinimum minimise(Estimation& problem, const TrialContext& context, const TrialOptions& options,
-                      Values& values) {
-  TrialMinimum out;
-  SolverOptions solver_options;
-  solver_options.threads = context.threads;
-  solver_options.max_iterations = options.iterations;
-  solver_options.relative_decrease = options.relative_decrease;
-  solver_options.second_derivatives = false;  // what explains the data has small residuals
-  solver_options.progress = Progress([&](const Progress::News& now) {
-    context.progress.check();
-    // What leads there has done so after five; before, it may gain some factor in each.
-    constexpr double gain = 30;
-    out.gave_up = now.chi2 > options.give_up * std::pow(gain, std::max(0, 5 - now.iteration));
-    return !out.gave_up;
-  });
-  out.state = problem.pack(values);
-  LevenbergMarquardt solver(problem, solver_options);
-  const SolveSummary& summary = solver.solve(out.state);
-  if (!out.gave_up) uncancelled(summary);
-  problem.unpack(out.state, values);
-  out.cost = summary.cost;
-  return out;
-}
-
 /// Fills in degrees of freedom and what samples and sensors have; the problem is renewed at
 /// `state`.
 void collect_statistics(const Recording& recording, const Estimation& problem,
@@ -247,28 +174,15 @@ void collect_statistics(const Recording& recording, const Estimation& problem,
     out.sensor[sum.first] = sum.second.first / static_cast<double>(sum.second.second);
 }
 
-/// Poses that the rig does not give: they cannot have moved from it.
-std::set<int> absent_poses(const Recording& recording) {
-  const Rig& rig = recording.rig;
-  std::set<int> absent;
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    if (!rig.sensors[s].pose_given) absent.insert(recording.table.sensor_pose[s]);
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && !rig.targets[t].pose_given)
-      absent.insert(recording.table.target_pose[t]);
-  return absent;
-}
-
 /// How far freed parameters are from the rig's values, as TrialFit::moved.
 std::map<std::string, Movement> movements(const Recording& recording,
                                           const std::vector<Freed>& free, const VectorXd& shared) {
   std::map<std::string, Movement> out;
   const ParameterTable& table = recording.table;
-  const std::set<int> absent = absent_poses(recording);
   for (const Freed& f : free) {
     const Parameter& p = table.all[f.parameter];
     Movement& moved = out[p.name];
-    if (absent.count(f.parameter)) continue;
+    if (!is_given(recording.rig, p)) continue;            // it cannot have moved
     const auto include = [&](double times, double far) {  // far: m, rad or a share
       moved.times = std::max(moved.times, times);
       moved.by = std::max(moved.by, times * far);
@@ -293,17 +207,6 @@ std::map<std::string, Movement> movements(const Recording& recording,
 
 }  // namespace
 
-FitSpec without(FitSpec spec, const std::string& parameter) {
-  const auto belongs = [&](const std::string& name) {
-    return name == parameter || name.rfind(parameter + ".", 0) == 0;
-  };
-  spec.free.erase(std::remove_if(spec.free.begin(), spec.free.end(), belongs), spec.free.end());
-  spec.priors.erase(std::remove_if(spec.priors.begin(), spec.priors.end(),
-                                   [&](const auto& p) { return belongs(p.first); }),
-                    spec.priors.end());
-  return spec;
-}
-
 bool good(const TrialFit& f) {
   if (!(f.per_dof() < Thresholds::good)) return false;
   return std::none_of(f.sensor.begin(), f.sensor.end(),
@@ -322,15 +225,15 @@ FreedNames freed_names(const ParameterTable& table, const FitSpec& spec) {
 }
 
 bool frees_given_poses(const Recording& recording, const FitSpec& spec) {
-  const Rig& rig = recording.rig;
   const ParameterTable& table = recording.table;
   const FreedNames freed = freed_names(table, spec);
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    if (rig.sensors[s].pose_given && freed.whole[table.sensor_mount[s]]) return true;
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && rig.targets[t].pose_given && freed.whole[table.target_mount[t]])
-      return true;
-  return false;
+  const auto any = [&](const std::vector<int>& poses, const std::vector<int>& mounts) {
+    for (size_t i = 0; i < poses.size(); ++i)
+      if (poses[i] >= 0 && is_given(recording.rig, table.all[poses[i]]) && freed.whole[mounts[i]])
+        return true;
+    return false;
+  };
+  return any(table.sensor_pose, table.sensor_mount) || any(table.target_pose, table.target_mount);
 }
 
 Recording plan_trials(const Recording& given, TrialContext& context) {
@@ -395,28 +298,45 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
     setup.free = resolved.free[i];
     setup.initial = initial;
     setup.priors = resolved.priors[i];
-    const Startable startable = leave_out_undefined(recording, setup, how, values);
-    Estimation& problem = *startable.problem;
-    if (last) out.undefined = startable.undefined;
-    if (problem.empty()) continue;
-    TrialOptions way = options;  // what a spec before the last finds is where the next starts
-    if (!last) way.relative_decrease = std::max(way.relative_decrease, 1e-3);
-    const TrialMinimum minimum = minimise(problem, context, way, values);
-    if (!last) continue;
-    problem.renew(minimum.state);
-    out.chi2 = minimum.cost.chi2;
-    out.cost = minimum.cost.doubled;
+    FitOptions way;
+    way.leave_out_undefined = true;
+    way.targets = how;
+    way.solver.threads = context.threads;
+    way.solver.max_iterations = options.iterations;
+    way.solver.relative_decrease = options.relative_decrease;
+    if (!last)  // what a spec before the last finds is where the next starts
+      way.solver.relative_decrease = std::max(way.solver.relative_decrease, 1e-3);
+    way.solver.second_derivatives = false;  // what explains the data has small residuals
+    bool gave_up = false;
+    way.solver.progress = Progress([&](const Progress::News& now) {
+      context.progress.check();
+      // What leads there has done so after five; before, it may gain some factor in each.
+      constexpr double gain = 30;
+      gave_up = now.chi2 > options.give_up * std::pow(gain, std::max(0, 5 - now.iteration));
+      return !gave_up;
+    });
+    Fit done;
+    try {
+      done = fit(recording, indices(recording.samples.size()), setup, std::move(values), way);
+    } catch (const Cancelled&) {
+      if (!gave_up) throw;
+      out.chi2 = out.cost = kInfinity;
+      return out;
+    }
+    values = std::move(done.values);
+    if (last) out.undefined = std::move(done.left_out);
+    const Estimation& problem = *done.problem;
+    if (problem.empty() || !last) continue;
+    done.problem->renew(done.state);
+    out.chi2 = done.summary.cost.chi2;
+    out.cost = done.summary.cost.doubled;
     out.dof = -problem.shared_size();
     out.setup = setup;
     for (size_t g = 0; g < problem.groups().size(); ++g)
       if (const int s = problem.sample_of(static_cast<int>(g)); s >= 0) out.samples.push_back(s);
     std::sort(out.samples.begin(), out.samples.end());
     out.samples.erase(std::unique(out.samples.begin(), out.samples.end()), out.samples.end());
-    if (minimum.gave_up) {
-      out.chi2 = kInfinity;
-      return out;
-    }
-    collect_statistics(recording, problem, minimum.state, out);
+    collect_statistics(recording, problem, done.state, out);
     out.moved = movements(recording, resolved.free[i], values.shared);
   }
   out.values = std::move(values);

@@ -70,9 +70,6 @@ struct FitSpec {
   Loss loss;
 };
 
-/// Returns the spec with a whole parameter held.
-FitSpec without(FitSpec spec, const std::string& parameter);
-
 /// A TrialContext is what trial fits of a recording have in common.
 struct TrialContext {
   NoiseMode noise = NoiseMode::latent;
@@ -121,14 +118,6 @@ struct TrialFit {
     double out = 0;
     for (const auto& m : moved) out = std::max(out, m.second.times);
     return out;
-  }
-
-  /// The median of what samples have without the worst of each view's points.
-  double typical() const {
-    std::vector<double> finite;
-    for (double t : trimmed)
-      if (std::isfinite(t)) finite.push_back(t);
-    return median(std::move(finite), kInfinity);
   }
 
   bool complete() const { return undefined.empty() && std::isfinite(chi2); }

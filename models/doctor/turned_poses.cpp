@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <stdexcept>
 
 #include "../rig/words.h"
@@ -126,13 +127,13 @@ std::optional<Pose> find_pose(const Recording& recording, const TrialContext& co
   }
 }
 
-Hypothesis turned(const std::string& what, Subject where, const Matrix3d& turn) {
-  Hypothesis h;
-  h.kind = NoticeKind::turned_pose;
-  h.where = {std::move(where)};
-  h.mistake = what + " is turned";
-  h.cure = "turn it " + turn_words(turn);
-  return h;
+Hypothesis turned(const std::string& what, Subject where, const Matrix3d& turn,
+                  std::function<Pose&(Rig&)> pose) {
+  return {NoticeKind::turned_pose,
+          {std::move(where)},
+          what + " is turned",
+          "turn it " + turn_words(turn),
+          [turn, pose = std::move(pose)](Rig& r) { pose(r).rotation = pose(r).rotation * turn; }};
 }
 
 /// What would put the found pose right: a turn of what is held about its own axes, or of a fixed
@@ -150,31 +151,23 @@ void add_turns(const Rig& rig, const HeldPoses& held, const Pose& found,
   for (int j = rig.tree.joint_above[held.link]; j >= 0 && !rig.tree.joints[j].moves();
        j = rig.tree.joint_above[rig.tree.joints[j].parent]) {
     const Joint& joint = rig.tree.joints[j];
-    if (auto turn = near_turn(lower * found * inverse(given) * inverse(lower))) {
+    if (auto turn = near_turn(lower * found * inverse(given) * inverse(lower)))
       out.push_back(turned("the origin of fixed joint " + quoted(joint.name) + " in the URDF",
-                           Subject::joint(joint.name), *turn));
-      out.back().undo = [j, m = *turn](Rig& r) {
-        r.tree.joints[j].parent_T_joint.rotation = r.tree.joints[j].parent_T_joint.rotation * m;
-      };
-    }
+                           Subject::joint(joint.name), *turn,
+                           [j](Rig& r) -> Pose& { return r.tree.joints[j].parent_T_joint; }));
     lower = pose_at_zero(joint) * lower;
   }
   const std::optional<Matrix3d> turn = near_turn(inverse(given) * found);
   if (!turn || (!stated && !out.empty())) return;
   out.push_back(turned("the pose of " + std::string(target ? "target " : "sensor ") + quoted(name) +
                            (target ? " on its mount" : " on its link"),
-                       target ? Subject::target(name) : Subject::sensor(name), *turn));
+                       target ? Subject::target(name) : Subject::sensor(name), *turn,
+                       [held](Rig& r) -> Pose& {
+                         return held.target >= 0 ? r.targets[held.target].link_T_target
+                                                 : r.sensors[held.sensors[0]].link_T_sensor;
+                       }));
   if (of_w_x_y_z(given.rotation).isApprox(given.rotation * *turn, 1e-3))
     out.back().cure += ". A quaternion written w x y z does this: quat is [x, y, z, w]";
-  out.back().undo = [held, m = *turn](Rig& r) {
-    if (held.target >= 0) {
-      Pose& pose = r.targets[held.target].link_T_target;
-      pose.rotation = pose.rotation * m;
-    } else {
-      Pose& pose = r.sensors[held.sensors[0]].link_T_sensor;
-      pose.rotation = pose.rotation * m;
-    }
-  };
 }
 
 }  // namespace

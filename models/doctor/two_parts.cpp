@@ -38,30 +38,38 @@ std::vector<FittedPart> fit_parts(const Recording& recording, const TrialContext
 
 }  // namespace
 
-std::optional<Changed> two_parts(const Recording& recording, const TrialContext& context,
-                                 const TrialFit& now) {
-  const std::vector<int> order = logged_order(recording.samples);
-  const int n = static_cast<int>(order.size());
-  if (n < kFewestSamples || !now.complete()) return std::nullopt;
-  std::map<int, double> tried;  // chi2 by split
+int best_cut(int n, int fewest, int also, const std::function<double(int)>& cost) {
+  std::map<int, double> tried;
   int at = 0;
-  const auto split = [&](int k) {
-    return fit_parts(recording, context, {order.begin(), order.begin() + k},
-                     {order.begin() + k, order.end()});
-  };
   const auto look = [&](int k) {
-    if (k < kFewestInPart || k > n - kFewestInPart || tried.count(k)) return;
-    context.progress.share(static_cast<double>(tried.size()),
-                           static_cast<double>(tried.size() + 8));
-    tried[k] = chi2(split(k));
+    if (k < fewest || k > n - fewest || tried.count(k)) return;
+    tried[k] = cost(k);
     if (tried[k] < (at == 0 ? kInfinity : tried.at(at))) at = k;
   };
-  for (const int quarter : {2, 1, 3}) look(n * quarter / 4);
+  for (const int first : {also, n / 2, n / 4, n * 3 / 4}) look(first);
   for (int step = std::max(1, n / 8); at > 0 && step >= 1;) {
     const int middle = at;
     look(middle - step), look(middle + step);
     if (at == middle) step /= 2;
   }
+  return at;
+}
+
+std::optional<Changed> two_parts(const Recording& recording, const TrialContext& context,
+                                 const TrialFit& now) {
+  const std::vector<int> order = logged_order(recording.samples);
+  const int n = static_cast<int>(order.size());
+  if (n < kFewestSamples || !now.complete()) return std::nullopt;
+  const auto split = [&](int k) {
+    return fit_parts(recording, context, {order.begin(), order.begin() + k},
+                     {order.begin() + k, order.end()});
+  };
+  double tried = 0;
+  const int at = best_cut(n, kFewestInPart, 0, [&](int k) {
+    context.progress.share(tried, tried + 8);
+    ++tried;
+    return chi2(split(k));
+  });
   if (at == 0) return std::nullopt;
   const std::vector<FittedPart> best = split(at);
   const std::optional<EvidenceApart> apart = evidence_apart(best);

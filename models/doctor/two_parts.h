@@ -12,6 +12,7 @@
 // that is not of one moment.
 #pragma once
 
+#include <functional>
 #include <optional>
 
 #include "../notices/notice.h"
@@ -23,6 +24,10 @@ struct Changed {
   Notice finding;
   double log_evidence;  // of both parts, with the prior
 };
+
+/// Returns where a row of n is best cut in two parts of at least `fewest`, found by halving from
+/// the best of the quarters and `also`; 0: nowhere.
+int best_cut(int n, int fewest, int also, const std::function<double(int)>& cost);
 
 /// Returns the finding where there is such a split; nullopt: there is none, or too few samples.
 /// `now`: the fit of all. @throws Cancelled

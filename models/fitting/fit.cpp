@@ -5,7 +5,6 @@
 #include <set>
 #include <stdexcept>
 
-#include "free_targets.h"
 #include "robust.h"
 
 namespace kincal {
@@ -51,8 +50,7 @@ std::shared_ptr<Estimation> started_problem(const Recording& recording,
                                             const EstimationSetup& setup, const FitOptions& options,
                                             Fit& out) {
   const Loss loss = options.start_loss.value_or(setup.loss);
-  TargetStarts how;
-  how.progress = options.starting;
+  TargetStarts how = options.targets;
   const auto start = [&](const std::vector<int>& some) {
     start_targets(recording, some, setup.sensors, loss, out.values, how);
   };

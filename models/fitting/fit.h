@@ -16,6 +16,7 @@
 
 #include "../../solver/levenberg_marquardt.h"
 #include "../estimation/estimation.h"
+#include "free_targets.h"
 
 namespace kincal {
 
@@ -35,7 +36,7 @@ struct FitOptions {
   bool restart_targets = false;
   bool keep_solver = false;             // for another solve; it has as much memory as all else
   std::shared_ptr<Estimation> problem;  // of these samples, if there is one already
-  Progress starting;                    // is told which share of the free targets has a start
+  TargetStarts targets;                 // how free targets start; its progress is told their share
   const std::vector<double>* noise_ratios =
       nullptr;  // by sensor: where a graduated fit ends; null: at what the residuals show
 };

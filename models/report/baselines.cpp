@@ -1,8 +1,6 @@
 #include "baselines.h"
 
 #include <algorithm>
-#include <cmath>
-#include <map>
 
 #include "../analysis/residuals.h"
 #include "../rig/selection.h"
@@ -39,75 +37,6 @@ Solution as_given(const Rig& given, const Solution& solution, const CalibrationO
   return out;
 }
 
-/// Squares of one sensor's residuals by three calibrations.
-struct ThreeSquares {
-  double rig = 0, mounts = 0, automatic = 0;
-};
-
-/// One row, of translations or of rotations; `parts` are by block.
-Baseline baseline_row(const std::map<int, ThreeSquares>& parts, long points) {
-  Baseline out;
-  std::vector<double> automatic, mounts;
-  ThreeSquares total;
-  for (const auto& part : parts) {
-    total.rig += part.second.rig;
-    total.mounts += part.second.mounts;
-    total.automatic += part.second.automatic;
-    mounts.push_back(part.second.mounts);
-    automatic.push_back(part.second.automatic);
-  }
-  const auto n = static_cast<double>(points);
-  out.points = points;
-  out.blocks = static_cast<long>(parts.size());
-  out.rig = std::sqrt(total.rig / n);
-  out.mounts = std::sqrt(total.mounts / n);
-  out.automatic = std::sqrt(total.automatic / n);
-  out.ratio = out.automatic / out.mounts;
-  out.of_ratio = rms_ratio_interval(automatic, mounts);
-  return out;
-}
-
-/// The sums of a sensor's residuals in a sample, if they are of as many points.
-const BlockSums* same_points(const HeldOutSums& sums, const std::pair<int, int>& of, long points) {
-  const auto found = sums.all.find(of);
-  return found != sums.all.end() && found->second.points == points ? &found->second : nullptr;
-}
-
-/// The rows of one sensor: none, one, or two.
-void add_rows(const Rig& rig, int sensor, const Blocks& blocks, const BaselineSums& sums,
-              std::vector<Baseline>& out) {
-  using Squares = double BlockSums::*;
-  for (Squares squares : {&BlockSums::as_read, &BlockSums::rotation_as_read}) {
-    const bool rotation = squares == &BlockSums::rotation_as_read;
-    if (rotation && !rig.sensors[sensor].model->measures_pose()) continue;
-    std::map<int, ThreeSquares> by_block, by_sample;
-    long points = 0;
-    bool by_target = false;
-    for (const auto& entry : sums.automatic.all) {
-      if (entry.first.first != sensor) continue;
-      const int sample = entry.first.second;
-      const long here = entry.second.points;
-      const BlockSums* mounts = same_points(sums.mounts, entry.first, here);
-      if (!mounts) continue;
-      const BlockSums* as_it_is = same_points(sums.rig, entry.first, here);
-      points += here;
-      by_target = by_target || blocks.target[blocks.of[sample]];
-      for (ThreeSquares* to : {&by_block[blocks.of[sample]], &by_sample[sample]}) {
-        to->rig += as_it_is ? as_it_is->*squares : kNan;
-        to->mounts += mounts->*squares;
-        to->automatic += entry.second.*squares;
-      }
-    }
-    if (points == 0) return;
-    const bool whole = by_block.size() >= 3;
-    Baseline row = baseline_row(whole ? by_block : by_sample, points);
-    row.sensor = rig.sensors[sensor].name;
-    row.unit = rotation ? "rad" : rig.sensors[sensor].model->unit();
-    row.by_target = whole && by_target;
-    out.push_back(row);
-  }
-}
-
 }  // namespace
 
 void add_baselines(const Rig& given, const Solution& solution, const VectorXd& mounts,
@@ -138,8 +67,16 @@ std::optional<VectorXd> mounts_alone(const Solution& solution, const Calibration
 std::vector<Baseline> compare_baselines(const Rig& rig, const Blocks& blocks,
                                         const BaselineSums& sums) {
   std::vector<Baseline> out;
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    add_rows(rig, static_cast<int>(s), blocks, sums, out);
+  for (const ComparedError& row :
+       compare_errors(rig, blocks, {&sums.rig, &sums.mounts, &sums.automatic}, 1)) {
+    Baseline one{row.sensor, row.unit, row.points, row.blocks, row.by_target};
+    one.rig = row.rms[0];
+    one.mounts = row.rms[1];
+    one.automatic = row.rms[2];
+    one.ratio = one.automatic / one.mounts;
+    one.of_ratio = row.ratio(2, 1);
+    out.push_back(std::move(one));
+  }
   return out;
 }
 

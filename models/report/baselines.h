@@ -28,7 +28,7 @@ struct Baseline {
   bool by_target = false;  // blocks are targets
   double rig = kNan, mounts = kNan, automatic = kNan;
   double ratio = kNan;  // automatic / mounts
-  Interval of_ratio;
+  Interval of_ratio = {};
   bool worse() const { return of_ratio.low > 1 + kHarmless; }
 };
 

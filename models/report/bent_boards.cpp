@@ -4,8 +4,7 @@
 #include <cmath>
 #include <map>
 
-#include "../../solver/levenberg_marquardt.h"
-#include "../estimation/estimation.h"
+#include "../fitting/fit.h"
 #include "../rig/geometry.h"
 #include "../rig/targets.h"
 #include "../rig/words.h"
@@ -85,16 +84,12 @@ double largest_move(const Solution& solution, const VectorXd& from, const Vector
 }
 
 /// Twice the cost of a few steps of a recording from values, which then are where they led.
-double solved(const Recording& recording, const std::vector<int>& samples,
-              const EstimationSetup& setup, Values& values) {
-  SolverOptions options;
-  options.max_iterations = 10;
-  Estimation problem(recording, samples, setup);
-  VectorXd state = problem.pack(values);
-  problem.renew(state);
-  const double doubled = LevenbergMarquardt(problem, options).solve(state).cost.doubled;
-  problem.unpack(state, values);
-  return doubled;
+double solved(const Recording& recording, const EstimationSetup& setup, Values& values) {
+  FitOptions options;
+  options.solver.max_iterations = 10;
+  Fit found = fit(recording, recording.training(), setup, std::move(values), options);
+  values = std::move(found.values);
+  return found.summary.cost.doubled;
 }
 
 /// The last step once more, from where it ended, with the warp of a board free as well. The rig
@@ -119,8 +114,7 @@ Bend bend_of(const Solution& solution, int target) {
   EstimationSetup setup = solution.setup;
   const Recording flat = solution.recording->with_samples(std::move(samples));
   const double share = static_cast<double>(all.size()) / static_cast<double>(flat.samples.size());
-  const double before =
-      every == 1 ? 2 * solution.cost : solved(flat, flat.training(), setup, values);
+  const double before = every == 1 ? 2 * solution.cost : solved(flat, setup, values);
   const VectorXd shared_before = values.shared;
 
   Rig rig = solution.rig();
@@ -143,7 +137,7 @@ Bend bend_of(const Solution& solution, int target) {
   values.shared = widened(values.shared);
   setup.free.insert(at, {warp, {0, 1}});
   Bend out;
-  out.fell = share * (before - solved(bent, bent.training(), setup, values));
+  out.fell = share * (before - solved(bent, setup, values));
   out.warp = values.shared.segment<2>(start);
   VectorXd shared(solution.values.shared.size());
   shared << values.shared.head(start), values.shared.tail(shared.size() - start);

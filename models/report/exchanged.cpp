@@ -45,8 +45,6 @@ Notices in_each_others_place(const std::vector<Placed>& all, NoticeKind kind, Su
   return out;
 }
 
-}  // namespace
-
 Notices exchanged_things(const Solution& solution) {
   const Rig& rig = solution.rig();
   const std::vector<double> readings(rig.tree.joints.size(), 0.0);
@@ -78,8 +76,6 @@ Notices exchanged_things(const Solution& solution) {
   return out;
 }
 
-namespace {
-
 /// Where a pose's x stands in the covariance; nothing: it was not free.
 std::optional<Eigen::Index> column_of_x(const Solution& solution, int parameter) {
   for (size_t i = 0; i < solution.columns.size(); ++i)
@@ -92,8 +88,6 @@ double found_baseline(const Solution& solution, size_t camera) {
   const int p = solution.table().index_of(ParameterKind::baseline, static_cast<int>(camera));
   return p < 0 ? 0 : solution.values.shared(solution.table().all[p].start);
 }
-
-}  // namespace
 
 Notices pairs_apart(const Solution& solution) {
   constexpr double kSigmas = 5;
@@ -164,6 +158,8 @@ Notices seen_from_behind(const Solution& solution) {
           "", "list its corners clockwise as seen from the front, starting at the upper left one"));
   return out;
 }
+
+}  // namespace
 
 Notices not_as_given(const Solution& solution, const Residuals& residuals) {
   Notices out = exchanged_things(solution);

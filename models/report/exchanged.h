@@ -11,21 +11,16 @@
 
 namespace kincal {
 
-/// Returns a finding for each pair of cameras (`swapped-cameras`) or of mounted targets of one type
-/// and size (`exchanged-targets`) with given places of which each was found where the other was
-/// given: within a third of the distance of these, and farther than three quarters from its own.
-Notices exchanged_things(const Solution& solution);
-
-/// Returns a finding (`baseline`) for each rectified pair whose cameras, at one place in the rig,
-/// were found apart along the baseline by more than 3 % of it and five sigmas of that distance.
-Notices pairs_apart(const Solution& solution);
-
-/// Returns a finding (`mirrored`) for each mounted marker that every view of a camera shows from
-/// behind: its corners go the other way round.
-Notices seen_from_behind(const Solution& solution);
-
-/// Returns what a calibration that explains its data found otherwise than the rig has it: the first
-/// kind of these and bent_boards() of which there is something.
+/// Returns what a calibration that explains its data found otherwise than the rig has it, the first
+/// of these that there is:
+/// - pairs of cameras (`swapped-cameras`) and of mounted targets of one type and size
+///   (`exchanged-targets`) with given places of which each was found where the other was given:
+///   within a third of the distance of these, and farther than three quarters from its own;
+/// - mounted markers that every view of a camera shows from behind: their corners go the other way
+///   round (`mirrored`);
+/// - rectified pairs whose cameras, at one place in the rig, were found apart along the baseline by
+///   more than 3 % of it and five sigmas of that distance (`baseline`);
+/// - bent_boards().
 Notices not_as_given(const Solution& solution, const Residuals& residuals);
 
 /// Whether a sensor whose pose the rig gives was found turned by more than a radian from it, and

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <optional>
 #include <set>
 #include <utility>
 #include <vector>
@@ -26,40 +25,6 @@ std::set<std::string> undecided(const Report& report) {
     for (const AutomaticNumber& n : g.unseen) out.insert(n.name);
   }
   return out;
-}
-
-/// Parameters that say where something on this body is: poses, and origins of its fixed joints.
-std::set<int> poses_on(const Solution& solution, int body) {
-  const Rig& rig = solution.rig();
-  std::set<int> out;
-  for (size_t s = 0; s < rig.sensors.size(); ++s)
-    if (body_of(rig.tree, rig.sensors[s].link) == body)
-      out.insert(solution.table().sensor_mount[s]);
-  for (size_t t = 0; t < rig.targets.size(); ++t)
-    if (rig.targets[t].link >= 0 && body_of(rig.tree, rig.targets[t].link) == body)
-      out.insert(solution.table().target_mount[t]);
-  for (size_t j = 0; j < rig.tree.joints.size(); ++j)
-    if (const Joint& joint = rig.tree.joints[j];
-        joint.is_rigid() && body_of(rig.tree, joint.child) == body)
-      out.insert(solution.table().joint_origin[j]);
-  return out;
-}
-
-/// True if this body moves against the base and no sensor or target is on a body further out.
-bool is_end(const Rig& rig, int body) {
-  const Tree& tree = rig.tree;
-  if (body == common_body(rig)) return false;
-  std::vector<int> links;
-  for (const Sensor& s : rig.sensors) links.push_back(s.link);
-  for (const Target& t : rig.targets)
-    if (t.link >= 0) links.push_back(t.link);
-  return std::none_of(links.begin(), links.end(), [&](int link) {
-    for (int b = body_of(tree, link); b != body && tree.joint_above[b] >= 0;) {
-      b = body_of(tree, tree.joints[tree.joint_above[b]].parent);
-      if (b == body) return true;
-    }
-    return false;
-  });
 }
 
 /// The unknowns, their second moments, and which of them are choices: columns of numbers of joints
@@ -110,35 +75,49 @@ double open_variance(const ParameterTable& table, const Component& c) {
   return std::pow(pose_scales(table.all[c.parameter].units[c.index]).yardstick, 2);
 }
 
-/// The choices against the poses at one end.
-std::optional<ZeroGauge> zero_gauge(const Solution& solution, const Choices& now,
-                                    const std::set<int>& at_end) {
+/// The choices on which loose poses hang, each pose on the one that it hangs on most.
+std::vector<ZeroGauge> zero_gauges(const Solution& solution, const Choices& now) {
   constexpr double kMatters = 0.1;  // share of a pose's variance
   const ParameterTable& table = solution.table();
+  const Tree& tree = solution.rig().tree;
+  const int base = common_body(solution.rig());
   const MatrixXd& all = now.moments;
-  std::vector<Eigen::Index> poses;  // loose ones
-  for (size_t i = 0; i < now.columns.size(); ++i)
-    if (const Eigen::Index at = static_cast<Eigen::Index>(i);
-        at_end.count(now.columns[i].parameter) &&
-        all(at, at) > open_variance(table, now.columns[i]))
-      poses.push_back(at);
-  std::vector<std::pair<double, Eigen::Index>> shares;
-  for (const Eigen::Index f : now.numbers) {  // how much of the poses hangs on each by itself
-    double share = 0;
-    for (const Eigen::Index p : poses)
-      if (all(f, f) > 0) share = std::max(share, all(p, f) * all(p, f) / (all(p, p) * all(f, f)));
-    if (share > kMatters) shares.push_back({share, f});
+  ZeroGauge gauges[2];  // at the base, behind the last joints
+  gauges[1].at_base = false;
+  const auto component = [&](Eigen::Index i) { return now.columns[static_cast<size_t>(i)]; };
+  const auto joint_of = [&](Eigen::Index f) { return table.all[component(f).parameter].owner; };
+  std::vector<std::pair<double, Eigen::Index>> shares;  // the largest of each choice
+  for (const Eigen::Index f : now.numbers) shares.push_back({0, f});
+  for (Eigen::Index p = 0; p < all.rows(); ++p) {
+    if (!table.all[component(p).parameter].pose ||
+        std::count(now.numbers.begin(), now.numbers.end(), p) ||
+        !(all(p, p) > open_variance(table, component(p))))
+      continue;
+    std::pair<double, Eigen::Index> most{kMatters, -1};
+    for (auto& [largest, f] : shares) {
+      const double share = all(f, f) > 0 ? all(p, f) * all(p, f) / (all(p, p) * all(f, f)) : 0;
+      largest = std::max(largest, share);
+      if (share > most.first) most = {share, f};
+    }
+    if (most.second < 0) continue;
+    const bool at_base = body_of(tree, tree.joints[joint_of(most.second)].parent) == base;
+    gauges[!at_base].sigma[component(p)] = std::sqrt(std::max(0.0, now.left(p, p)));
   }
-  if (shares.empty()) return std::nullopt;
   std::stable_sort(shares.begin(), shares.end(),
                    [](const auto& a, const auto& b) { return a.first > b.first; });
-  ZeroGauge out;
-  const Parameter& first = table.all[now.columns[shares[0].second].parameter];
-  out.joint = solution.rig().tree.joints[first.owner].name;
-  out.is_zero = first.kind == ParameterKind::joint_offset;
-  for (const auto& s : shares) out.numbers.push_back(table.name(now.columns[s.second]));
-  for (const Eigen::Index p : poses)
-    out.sigma[now.columns[p]] = std::sqrt(std::max(0.0, now.left(p, p)));
+  for (const auto& [share, f] : shares) {
+    if (!(share > kMatters)) break;
+    const bool at_base = body_of(tree, tree.joints[joint_of(f)].parent) == base;
+    ZeroGauge& gauge = gauges[!at_base];
+    if (gauge.numbers.empty()) {
+      gauge.joint = tree.joints[joint_of(f)].name;
+      gauge.is_zero = table.all[component(f).parameter].kind == ParameterKind::joint_offset;
+    }
+    gauge.numbers.push_back(table.name(component(f)));
+  }
+  std::vector<ZeroGauge> out;
+  for (ZeroGauge& gauge : gauges)
+    if (!gauge.sigma.empty()) out.push_back(std::move(gauge));
   return out;
 }
 
@@ -166,7 +145,6 @@ std::map<Component, std::string> sizes_to_measure(const Solution& solution, cons
 
 GaugeFreedoms find_gauge_freedoms(const Report& report) {
   const Solution& solution = report.solution;
-  const Tree& tree = solution.rig().tree;
   const std::vector<Component>& columns =
       solution.prediction ? solution.prediction->columns : solution.columns;
   const MatrixXd& moments =
@@ -184,17 +162,7 @@ GaugeFreedoms find_gauge_freedoms(const Report& report) {
   for (const Eigen::Index i : now.numbers) condition(now.left, i);
   GaugeFreedoms out;
   out.sizes = sizes_to_measure(solution, now);
-  const int base = common_body(solution.rig());
-  if (auto zero = zero_gauge(solution, now, poses_on(solution, base)))
-    out.zeros.push_back(std::move(*zero));
-  std::set<int> ends;
-  for (const Joint& joint : tree.joints)
-    if (joint.moves() && is_end(solution.rig(), joint.child))
-      ends.merge(poses_on(solution, joint.child));
-  if (auto zero = zero_gauge(solution, now, ends)) {
-    zero->at_base = false;
-    out.zeros.push_back(std::move(*zero));
-  }
+  out.zeros = zero_gauges(solution, now);
   return out;
 }
 

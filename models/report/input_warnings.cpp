@@ -119,9 +119,9 @@ void warn_of_few_data(const Solution& solution, Notices& out) {
 
 namespace {
 
-constexpr double kNearReading = 4, kSameView = 1.5;  // sigmas of a difference: each, their rms
-constexpr double kNoErrorsOfTheirOwn = 0.5;          // share of the scatter that sigmas allow
-constexpr double kOftenRepeated = 3.5;  // samples a posture: sigmas are too small by its root
+constexpr double kNearReading = 4;           // sigmas of a difference
+constexpr double kNoErrorsOfTheirOwn = 0.5;  // share of the scatter that sigmas allow
+constexpr double kOftenRepeated = 3.5;       // samples a posture: sigmas are too small by its root
 
 /// The squared differences of two samples' readings in sigmas of a difference, over the noisy
 /// joints; infinite where the robot moved.
@@ -148,40 +148,6 @@ Mean reading_difference(const Rig& rig, const Sample& a, const Sample& b) {
     }
   }
   return out;
-}
-
-double largest_sigma(const View& view) {
-  double out = 0;
-  for (const double sigma : view.sigma) out = std::max(out, sigma);
-  for (const Matrix3d& covariance : view.covariance)
-    out = std::max(out, std::sqrt(covariance.diagonal().maxCoeff()));
-  return out;
-}
-
-/// Whether two views show the same, but for their noise, in what both see.
-bool same_view(const View& a, const View& b) {
-  if (a.sensor != b.sensor || a.target != b.target) return false;
-  const double sigma = largest_sigma(a);
-  std::map<int, size_t> places;
-  for (size_t i = 0; i < b.ids.size(); ++i) places[b.ids[i]] = i;
-  const size_t numbers = a.ids.empty() ? a.z.size() : a.z.size() / a.ids.size();
-  Mean difference;
-  for (size_t i = 0; i < std::max<size_t>(1, a.ids.size()); ++i) {
-    const auto at = a.ids.empty() ? places.end() : places.find(a.ids[i]);
-    if (!a.ids.empty() && at == places.end()) continue;
-    const size_t other = a.ids.empty() ? 0 : at->second;
-    for (size_t k = 0; k < numbers && numbers * other + k < b.z.size(); ++k, ++difference.count)
-      difference.sum += std::pow(a.z[numbers * i + k] - b.z[numbers * other + k], 2);
-  }
-  return 2 * difference.count >= static_cast<long>(a.z.size()) &&
-         difference.value() <= 2 * kSameView * kSameView * sigma * sigma;
-}
-
-bool same_views(const Sample& a, const Sample& b) {
-  return std::all_of(a.views.begin(), a.views.end(), [&](const View& v) {
-    return std::any_of(b.views.begin(), b.views.end(),
-                       [&](const View& w) { return same_view(v, w); });
-  });
 }
 
 bool same_readings(const Sample& a, const Sample& b) {
@@ -225,8 +191,8 @@ PostureOrder posture_order(const Rig& rig, const std::vector<Sample>& samples) {
   return out;
 }
 
-/// The postures of the training samples: readings that are exactly equal, or near and with the same
-/// views. `scatter`: of the readings of one posture, over what their sigmas make of it.
+/// The postures of the training samples: readings that are equal, or near. `scatter`: of the
+/// readings of one posture, over what their sigmas make of it.
 size_t distinct_postures(const Recording& recording, Mean& scatter) {
   const PostureOrder order = posture_order(recording.rig, recording.samples);
   std::multimap<double, int> postures;  // by that reading
@@ -251,7 +217,7 @@ size_t distinct_postures(const Recording& recording, Mean& scatter) {
         return true;
       }
       const Mean difference = reading_difference(recording.rig, other, sample);
-      const bool same = difference.sum < kInfinity && same_views(other, sample);
+      const bool same = difference.sum < kInfinity;
       if (same) scatter.sum += difference.sum, scatter.count += difference.count;
       return same;
     });
@@ -281,9 +247,7 @@ void warn_of_repetition(const Recording& recording, Notices& out) {
       NoticeKind::repeated, {},
       text("%d samples were taken at %d postures, by readings that %s", static_cast<int>(samples),
            static_cast<int>(distinct),
-           scatter.sum > 0 ? "differ by far less than their sigmas allow while the views are the "
-                             "same"
-                           : "are exactly equal"),
+           scatter.sum > 0 ? "differ by far less than their sigmas allow" : "are exactly equal"),
       text("each counts as if its errors were independent, so sigmas may be %.1f times too small",
            std::sqrt(each)),
       "let the robot move between samples, or keep one of each posture"));

@@ -400,7 +400,8 @@ void warn_of_noise(const Report& report, Notices& out) {
                 "play, bending, late readings, a sensor error), and sigmas are too small" +
                     noisiest_words(report)
               : "if that of the joints is right: " + sensors_as_seen(report);
-    if (lacks && neighbours_err_alike(report.solution, report.residuals)) say_no_noise(noise);
+    if (lacks && neighbours_err_alike(report.solution.samples(), report.residuals.after))
+      say_no_noise(noise);
   }
   out.push_back(std::move(noise));
 }

@@ -158,14 +158,15 @@ struct LooseComponent {
   size_t component = 0;
   double times = 1;
   std::string size = "";  // of a target, that would have to be known
+
+  Scales scales() const { return pose_scales(pose->units[component]); }
 };
 
 LooseComponent loosest(const Report& report) {
-  const GaugeFreedoms& unknown = gauge_freedoms(report);
   LooseComponent out;
   for (const ParameterEstimate& e : report.solution.parameters)
     for (size_t c = 0; e.pose && c < e.sigma.size(); ++c) {
-      const JudgedSigma judged = judged_sigma(unknown, e, c);
+      const JudgedSigma judged = judged_sigma(gauge_freedoms(report), e, c);
       const double times = judged.sigma / pose_scales(e.units[c]).loose;
       if (times > out.times) out = {&e, c, times, judged.size};
     }
@@ -194,20 +195,14 @@ void explain_loose(const Report& report, const ParameterEstimate& e, const std::
 
 bool has_open_mount(const Report& report) {
   const LooseComponent loose = loosest(report);
-  if (!loose.pose) return false;
-  const Scales known = pose_scales(loose.pose->units[loose.component]);
-  return loose.times * known.loose > known.open;
+  return loose.pose && loose.times * loose.scales().loose > loose.scales().open;
 }
 
 bool hangs_on_a_size(const Report& report) { return !loosest(report).size.empty(); }
 
 std::optional<Notice> loose_parameters(const Report& report) {
-  struct Worst {
-    const ParameterEstimate* parameter = nullptr;
-    size_t component = 0;
-    double size = 0;
-    std::string of;
-  } worst;
+  LooseComponent worst;
+  double largest = 0;
   std::vector<WarningItem> sigmas;
   const GaugeFreedoms& unknown = gauge_freedoms(report);
   const LooseComponent loose = loosest(report);
@@ -223,14 +218,14 @@ std::optional<Notice> loose_parameters(const Report& report) {
       const std::string name = e.component_name(c);
       sigmas.push_back(
           {Subject::parameter(name), name + " is known to " + known + " only (one sigma)", size});
-      if (size > worst.size) worst = {&e, c, size, judged.size};
+      if (size > largest) largest = size, worst = {&e, c, 1, judged.size};
     }
   if (sigmas.empty()) return std::nullopt;
   Notice out =
       notice_of(NoticeKind::sigma, "parameters are known to no better than 1 cm or 1 degree",
                 std::move(sigmas));
   if (loose.pose) out.severity = Severity::fault;
-  explain_loose(report, *worst.parameter, worst.of, out);
+  explain_loose(report, *worst.pose, worst.size, out);
   return out;
 }
 

@@ -16,8 +16,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kArmScaled = 0.003;  // less harms nobody
-constexpr double kByChance = 0.002;   // that all lengths changed alike
+constexpr double kByChance = 0.002;  // that all lengths changed alike
 
 /// Places of sensors and mounted targets that the rig gives and the training samples see, as the
 /// rig has them and as they came out.
@@ -137,18 +136,6 @@ void warn_of_scales(const Report& report, Notices& out) {
               ": nothing else determines the scale",
           "measure the spacing over many fields and correct the rig; if it is right, correct the "
           "poses"));
-  }
-  for (const OtherModel* arm : told_models(report.other_models, NoticeKind::arm_scale)) {
-    if (!report.solution.usable() || std::abs(arm->value - 1) < kArmScaled) continue;
-    out.push_back(make_notice(NoticeKind::arm_scale, arm->where,
-                              "all lengths of the arm came out " +
-                                  text("%.4g +- %.2g times the URDF's", arm->value, arm->sigma) +
-                                  ", as if what " + joined(names_of(arm->where)) +
-                                  (arm->where.size() == 1 ? " measures" : " measure") +
-                                  " had another unit or scale",
-                              "",
-                              "measure a known distance with it; if the result is right, measure a "
-                              "link, and correct the URDF"));
   }
   for (const UncheckedScale& scale : report.unchecked)
     out.push_back(make_notice(

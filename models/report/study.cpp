@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <map>
 #include <set>
 #include <stdexcept>
 
@@ -11,6 +10,7 @@
 #include "../analysis/data_equations.h"
 #include "../analysis/linearisation.h"
 #include "../automatic/further.h"
+#include "../automatic/guessed_noise.h"
 #include "../doctor/plausibility.h"
 #include "../doctor/target_mistakes.h"
 #include "../estimation/estimation.h"
@@ -30,9 +30,6 @@
 namespace kincal {
 namespace {
 
-// Noise on the automatic path.
-constexpr double kLargestFactor = 10, kLevelsAtRest = 0.05;
-constexpr int kLevelRounds = 4;
 constexpr double kLooksResized = 0.5;  // share of a mistake from which a length is looked for
 
 bool cannot_start(const Solution& solution) { return solution.status == Status::undefined_start; }
@@ -72,17 +69,14 @@ void add_diagnosis(const Recording& recording, const StudyOptions& options, Repo
 std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
   if (report.automatic.empty()) return {};
   const ParameterTable& table = report.solution.table();
-  std::map<std::string, std::pair<double, std::string>> limits;
-  for (size_t p = 0; p < table.all.size(); ++p)
-    for (int c = 0; c < table.all[p].size(); ++c)
-      limits[table.all[p].component_name(c)] = {
-          scales(table, {static_cast<int>(p), c}, table.initial).mistaken, table.all[p].name};
   std::set<std::string> out;
   for (const AutomaticGroup& g : report.automatic)
     for (const AutomaticNumber& n : g.numbers)
-      if (const auto limit = limits.find(n.name);
-          !g.held && limit != limits.end() && std::abs(n.value) > share * limit->second.first)
-        out.insert(limit->second.second);
+      for (const Freed& f : table.select(n.name))
+        if (!g.held &&
+            std::abs(n.value) >
+                share * scales(table, {f.parameter, f.components[0]}, table.initial).mistaken)
+          out.insert(table.all[f.parameter].name);
   return out;
 }
 
@@ -93,45 +87,6 @@ bool takes_up_a_mistake(const Report& report) {
          !told_models(report.other_models, NoticeKind::gears).empty() ||
          is_a_sensor_turned(report.solution) ||
          std::any_of(report.automatic.begin(), report.automatic.end(), is_unusual);
-}
-
-/// The rig as it was found, but for parameters that somebody was mistaken about: these as given.
-Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solution) {
-  const ParameterTable& table = solution.table();
-  const VectorXd& values = solution.values.shared;
-  Rig rig = solution.rig();
-  rig.nominal.clear();
-  for (const Parameter& p : table.all) {
-    if (p.hidden() || mistaken.count(p.name)) continue;
-    NominalValue found;
-    found.parameter = p.name;
-    if (p.pose) found.pose = get_pose(values, p.start);
-    found.numbers.assign(values.data() + p.start,
-                         values.data() + p.start + (p.pose ? 0 : p.size()));
-    rig.nominal.push_back(found);
-  }
-  rig = centred(std::move(rig));
-  for (size_t s = 0; s < rig.sensors.size(); ++s) {
-    rig.sensors[s].link_T_sensor = get_pose(values, table.all[table.sensor_pose[s]].start);
-    rig.sensors[s].pose_given = true;
-  }
-  for (size_t t = 0; t < rig.targets.size(); ++t) {
-    if (rig.targets[t].link < 0) continue;
-    rig.targets[t].link_T_target = get_pose(values, table.all[table.target_pose[t]].start);
-    rig.targets[t].pose_given = true;
-  }
-  for (size_t j = 0; j < rig.joints.size(); ++j)
-    if (table.joint_offset[j] >= 0)
-      rig.joints[j].offset = values(table.all[table.joint_offset[j]].start);
-  rig.steps.resize(1);  // the mounts
-  return rig;
-}
-
-/// Whether residuals are as large as the noise, or as they may be by chance.
-bool of_stated_size(const Solution& solution) {
-  const double ratio = solution.chi2_per_dof();
-  return !(solution.dof_data > 0) || (ratio > 0.8 && ratio < 1.25) ||
-         !(std::abs(chi2_deviate(solution.chi2_data, solution.dof_data)) > 4);
 }
 
 bool finds_a_mistake(const Diagnosis& diagnosis) {
@@ -156,18 +111,14 @@ Notices mistaken_sizes(const std::set<std::string>& mistaken, const Solution& so
   return out;
 }
 
-/// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
-/// offsets were wrong; then with all as it was found but for numbers that somebody was mistaken
-/// about.
+/// Mistakes that the automatic path took up in what it freed: as if nothing but mounts and offsets
+/// were wrong.
 void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
   const Solution& solution = report.solution;
   add_diagnosis(solution.recording->with_rig(given), options, report);
-  const std::set<std::string> mistaken = mistaken_numbers(report);
-  Notices& findings = report.diagnosis->findings;
   if (!first_mistake(report))
-    for (Notice& size : mistaken_sizes(mistaken, solution)) findings.push_back(std::move(size));
-  if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
-    add_diagnosis(solution.recording->with_rig(found_but_for(mistaken, solution)), options, report);
+    for (Notice& size : mistaken_sizes(mistaken_numbers(report), solution))
+      report.diagnosis->findings.push_back(std::move(size));
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
@@ -183,28 +134,6 @@ bool guesses_noise(const Rig& rig) {
 /// In the other modes that of sensors is mixed with that of joints.
 bool can_estimate_noise(const CalibrationOptions& options) {
   return options.noise == NoiseMode::latent || options.noise == NoiseMode::none;
-}
-
-double first_sigma(const Rig& rig, const NoiseLevel& level) {
-  return level.joint >= 0 ? rig.joints[level.joint].sigma
-                          : rig.sensors[level.sensor].sigma[level.first];
-}
-
-/// Sets levels that were estimated from sigmas between to those that the rig states: what is used
-/// is within a factor of ten of them. Returns the largest change of a level in this round.
-double bound_levels(const Rig& stated, const Rig& between, const Rig& estimated,
-                    std::vector<NoiseLevel>& levels) {
-  double moved = 0;
-  for (NoiseLevel& level : levels) {
-    const double first = first_sigma(stated, level), before = first_sigma(between, level),
-                 now = first_sigma(estimated, level);
-    const double factor =
-        level.guess > 0 ? now / first : std::clamp(now / first, 1 / kLargestFactor, kLargestFactor);
-    moved = std::max(moved, std::abs(std::log(factor * first / before)));
-    level.assumed *= first / before;
-    level.used = level.assumed * factor;
-  }
-  return moved;
 }
 
 void take(AutomaticCalibration found, Report& report) {
@@ -244,80 +173,36 @@ void take(AutomaticCalibration found, Report& report) {
   report.rigid = corrects && !report.stages.empty() ? report.stages.front().solution : nullptr;
 }
 
-/// Calibrates again with these levels in place of what a rig states; false: that cannot be used.
-bool calibrate_with(const Recording& stated, std::vector<NoiseLevel> levels,
-                    const StudyOptions& options, Report& report) {
-  std::vector<NoiseLevel> used = levels;
-  for (NoiseLevel& level : used) level.seen = level.used;
-  AutomaticOptions automatic = automatic_options(options);
-  automatic.begin = begin_at(report.solution, report.automatic);
-  AutomaticCalibration found = uncancelled(calibrate_automatically(
-      with_models_of(scale_noise(stated, used), *report.solution.recording), automatic));
-  if (!found.solution.usable()) return false;
-  take(std::move(found), report);
-  report.noise_levels = std::move(levels);
-  return true;
-}
-
-/// Residuals larger than stated: levels of joints and sensors together (else the sensors take up
-/// what all corners of a view share).
-void find_larger_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                       NoiseRounds rounds, Report& report) {
-  const std::shared_ptr<const Recording> first = report.solution.recording;
-  std::shared_ptr<const Recording> recording = first;
-  for (int round = 0; round < kLevelRounds && !rounds.converged; ++round) {
-    NoiseEstimate estimate = uncancelled(estimate_noise(recording, calibration));
-    if (!estimate.solution.usable()) return;
-    rounds.count += estimate.rounds;
-    const double moved =
-        bound_levels(first->rig, recording->rig, estimate.solution.rig(), estimate.levels);
-    if (!calibrate_with(*first, std::move(estimate.levels), options, report)) return;
-    rounds.converged = moved < kLevelsAtRest;
-    report.noise_estimated = rounds;
-    recording = report.solution.recording;
-  }
-}
-
-/// Residuals smaller than stated: all stated sigmas by the same factor, which leaves the estimates
-/// where they are. (Levels of their own would take model errors for noise of this or that
-/// joint, and let go of its readings.)
-void find_smaller_noise(const StudyOptions& options, NoiseRounds rounds, Report& report) {
-  std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
-  AutomaticOptions automatic = automatic_options(options);
-  automatic.begin = begin_at(report.solution, report.automatic);
-  automatic.scale_noise = true;
-  AutomaticCalibration found =
-      uncancelled(calibrate_automatically(*report.solution.recording, automatic));
-  if (!found.solution.usable()) return;
-  rounds.count = 1;
-  rounds.converged = found.noise_at_rest;
-  report.noise_estimated = rounds;
-  for (NoiseLevel& level : levels)
-    if (level.guess == 0) level.used = level.assumed * found.noise_factor;
-  take(std::move(found), report);
-  report.noise_levels = std::move(levels);
-}
-
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
-/// that: everything again with noise of the size that they have.
+/// that: everything again with noise of the size that they have. Larger residuals: levels of joints
+/// and sensors together (else the sensors take up what all corners of a view share). Smaller ones:
+/// all stated sigmas by the same factor, which leaves the estimates where they are. (Levels of
+/// their own would take model errors for noise of this or that joint, and let go of its readings.)
 void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
                 Report& report) {
   const double ratio = report.solution.chi2_per_dof();
-  if (!report.solution.usable() || of_stated_size(report.solution) || ratio > kMistaken ||
-      options.estimate_noise || !can_estimate_noise(calibration))
+  if (!report.solution.usable() || is_of_stated_size(ratio, report.solution.dof_data) ||
+      ratio > kMistaken || options.estimate_noise || !can_estimate_noise(calibration))
     return;
-  NoiseRounds rounds;
-  rounds.stated = ratio;
-  if (ratio < 1) {  // (no mistake makes residuals smaller)
-    find_smaller_noise(options, rounds, report);
-    return;
-  }
-  if (options.diagnose) {
+  if (options.diagnose && ratio > 1) {  // (no mistake makes residuals smaller)
     add_diagnosis(report.solution.recording->training_only(), options, report);
     if (finds_a_mistake(*report.diagnosis)) return;
     report.diagnosis.reset();
   }
-  find_larger_noise(options, calibration, rounds, report);
+  std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
+  AutomaticOptions automatic = automatic_options(options);
+  automatic.begin = begin_at(report.solution, report.automatic);
+  automatic.noise_is = ratio < 1 ? StatedNoise::scaled : StatedNoise::wrong;
+  AutomaticCalibration found =
+      uncancelled(calibrate_automatically(*report.solution.recording, automatic));
+  if (!found.solution.usable()) return;
+  report.noise_estimated = NoiseRounds{1, found.noise_at_rest, ratio};
+  for (NoiseLevel& level : levels)
+    if (level.guess == 0)
+      level.used = level.assumed * first_sigma(found.solution.rig(), level) /
+                   first_sigma(report.solution.rig(), level);
+  take(std::move(found), report);
+  report.noise_levels = std::move(levels);
 }
 
 /// A message of each group that was asked for by name and is held, or is among the usual ones.

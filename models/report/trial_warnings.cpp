@@ -1,6 +1,7 @@
 #include "trial_warnings.h"
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 #include "../rig/words.h"
@@ -19,8 +20,10 @@ std::string shown_text(double value, const std::string& unit) {
   return text("%.3g ", value * (thousandths ? 1e3 : 1)) + (thousandths ? "m" : "") + unit;
 }
 
-void warn_of_doubted_priors(const Report& report, Notices& out) {
-  for (const OtherModel* prior : told_models(report.other_models, NoticeKind::prior))
+void warn_of_other_models(const Report& report, Notices& out) {
+  constexpr double kArmScaled = 0.003;  // less harms nobody
+  const std::vector<OtherModel>& all = report.other_models;
+  for (const OtherModel* prior : told_models(all, NoticeKind::prior))
     out.push_back(make_notice(
         NoticeKind::prior, prior->where,
         "the data contradict the rig's prior on " + prior->where[0].name +
@@ -28,6 +31,26 @@ void warn_of_doubted_priors(const Report& report, Notices& out) {
                  prior->value, prior->log_odds),
         "with the present prior other parameters absorb the difference",
         "check which of the two is wrong, the prior or the data; correct it, or delete the prior"));
+  for (const OtherModel* arm : told_models(all, NoticeKind::arm_scale))
+    if (report.solution.usable() && std::abs(arm->value - 1) >= kArmScaled)
+      out.push_back(make_notice(
+          NoticeKind::arm_scale, arm->where,
+          "all lengths of the arm came out " +
+              text("%.4g +- %.2g times the URDF's", arm->value, arm->sigma) + ", as if what " +
+              joined(names_of(arm->where)) + (arm->where.size() == 1 ? " measures" : " measure") +
+              " had another unit or scale",
+          "",
+          "measure a known distance with it; if the result is right, measure a link, and correct "
+          "the URDF"));
+  for (const OtherModel* gears : told_models(all, NoticeKind::gears))
+    if (!report.unexplained)
+      out.push_back(make_notice(NoticeKind::gears, {},
+                                text("the data give evidence for wrong gear ratios (log evidence "
+                                     "%.0f), which were not estimated",
+                                     gears->value),
+                                "predicted errors may be too small",
+                                "estimate them (`group` gears), unless an inaccurate board or "
+                                "repeated readings cause the same effect"));
 }
 
 void warn_of_use(const Residuals& residuals, Notices& out) {

@@ -12,8 +12,9 @@ namespace kincal {
 /// Returns "3 mm", "3 mrad", or "3 px": metres and radians in thousandths.
 std::string shown_text(double value, const std::string& unit);
 
-/// Warns of priors of the rig that the data contradict (automatic path).
-void warn_of_doubted_priors(const Report& report, Notices& out);
+/// Warns of models of the data that are likelier than the groups (automatic path): a prior of the
+/// rig that they contradict, a scale of the whole arm, gears.
+void warn_of_other_models(const Report& report, Notices& out);
 /// Warns where held-out samples contradict what the others say, or cannot be judged at all.
 void warn_of_contradicted(const Report& report, Notices& out);
 /// Warns where the robot's own software, which takes readings as they are, sees larger errors than

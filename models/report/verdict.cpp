@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
+#include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "input_warnings.h"
@@ -13,8 +13,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kEven = 3;  // noise levels of two sensors, in their sigmas: at most so unlike
-constexpr double kMiddleOfTails = 0.3;
+constexpr double kEven = 3;       // noise levels of two sensors, in their sigmas: at most so unlike
 constexpr double kNoNoise = 1e4;  // chi2/dof: no noise is misstated by a hundred times
 
 const Notice* decisive_finding(const Report& report) {
@@ -22,24 +21,6 @@ const Notice* decisive_finding(const Report& report) {
     for (const Notice& f : report.diagnosis->findings)
       if (f.chi2_corrected && can_spoil_the_fit(f.kind)) return &f;
   return nullptr;
-}
-
-/// Whether a few residuals of a sensor are far larger than its others: the middle one is far below
-/// the root mean square. (Of noise it is two thirds of it.)
-bool few_are_far(const Report& report) {
-  std::map<int, std::pair<std::vector<double>, Mean>> by_sensor;  // sizes, squares
-  for (const ViewResiduals& v : report.residuals.after) {
-    if (!report.solution.samples()[v.sample].train || !v.whitened.allFinite()) continue;
-    auto& sizes = by_sensor[v.view->sensor];
-    for (double r : v.whitened) {
-      sizes.first.push_back(std::abs(r));
-      sizes.second.sum += r * r;
-      ++sizes.second.count;
-    }
-  }
-  return std::any_of(by_sensor.begin(), by_sensor.end(), [](const auto& s) {
-    return median(s.second.first) < kMiddleOfTails * std::sqrt(s.second.second.value());
-  });
 }
 
 /// What is unlike noise of one size in the residuals; "": nothing. (Sensors by their noise levels:
@@ -59,8 +40,9 @@ std::string uneven(const Report& report) {
     return "errors of " + worst->of + text(" are %.3g times its sigma, those of ", times(worst)) +
            best->of + text(" %.3g times", times(best));
   if (!apart.empty()) return "far larger residuals than the others have " + listed(apart);
-  if (few_are_far(report)) return "a few points have far larger residuals than the others";
-  if (neighbours_err_alike(report.solution, report.residuals))
+  if (few_are_far(report.solution.samples(), report.residuals.after))
+    return "a few points have far larger residuals than the others";
+  if (neighbours_err_alike(report.solution.samples(), report.residuals.after))
     return "errors of neighbouring points are correlated";
   return "";
 }
@@ -123,6 +105,11 @@ std::string size_words(const Solution& solution) {
 
 }  // namespace
 
+bool is_of_stated_size(double ratio, double dof) {
+  return !(dof > 0) || (ratio > 0.8 && ratio < 1.25) ||
+         !(std::abs(chi2_deviate(ratio * dof, dof)) > 4);
+}
+
 double data_misfit(const Report& report) {
   const Solution& solution = report.solution;
   if (solution.setup.loss.kind == LossKind::none) return solution.chi2_per_dof();
@@ -130,10 +117,7 @@ double data_misfit(const Report& report) {
   for (const ViewResiduals& v : report.residuals.after)
     if (solution.samples()[v.sample].train && v.whitened.size() > 0 && v.whitened.allFinite())
       views.push_back(v.whitened.squaredNorm() / static_cast<double>(v.whitened.size()));
-  if (views.empty()) return kNan;
-  const auto middle = views.begin() + static_cast<long>(views.size() / 2);
-  std::nth_element(views.begin(), middle, views.end());
-  return *middle;
+  return median(std::move(views));
 }
 
 double beyond_guess(const Report& report) {

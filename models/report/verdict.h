@@ -17,6 +17,10 @@ namespace kincal {
 constexpr double kMistaken = 25;      // chi2/dof above which a finding is more likely than noise
 constexpr double kBeyondNoise = 100;  // chi2/dof above which noise or model are wrong tenfold
 
+/// Returns false if chi2/dof is further from 1 than noise of the stated sigmas would have it: by a
+/// fifth or more, and by as much as chance makes it once in 30,000.
+bool is_of_stated_size(double chi2_per_dof, double dof);
+
 /// Returns chi2/dof of the data. If the last step has a loss, which reduces the weight of large
 /// residuals, it is the median over the views instead. NaN: there are no degrees of freedom.
 double data_misfit(const Report& report);

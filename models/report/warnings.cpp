@@ -24,14 +24,9 @@ namespace {
 constexpr size_t kShown = kNamed;
 constexpr double kFitsWell = 5;  // chi2/dof, of a step that did not converge
 
-/// Whether chi2/dof is further from 1 than noise of the stated sigmas would have it: by a fifth or
-/// more, and by as much as chance makes it once in 30,000.
-bool exceeds(double ratio, double dof) {
-  return dof > 0 && ratio > 1.25 && chi2_deviate(ratio * dof, dof) > 4;
-}
-bool falls_short(double ratio, double dof) {
-  return dof > 0 && ratio < 0.8 && chi2_deviate(ratio * dof, dof) < -4;
-}
+/// Whether chi2/dof is above or below what noise of the stated sigmas makes it.
+bool exceeds(double ratio, double dof) { return ratio > 1 && !is_of_stated_size(ratio, dof); }
+bool falls_short(double ratio, double dof) { return ratio < 1 && !is_of_stated_size(ratio, dof); }
 
 constexpr char kLookOrLeaveOut[] = "check the samples recorded there, or leave them out";
 constexpr double kMostOfIt = 0.5;  // of the squares: one sample
@@ -240,7 +235,8 @@ void warn_of_chi2(const Report& report, Notices& out) {
   notice.cure = larger ? kLookOrState
                        : "state the estimated sigmas (`estimate_noise`), or leave them: the errors "
                          "are smaller than the sigmas predict";
-  if (larger && neighbours_err_alike(solution, report.residuals)) say_no_noise(notice);
+  if (larger && neighbours_err_alike(solution.samples(), report.residuals.after))
+    say_no_noise(notice);
   out.push_back(std::move(notice));
 }
 
@@ -442,8 +438,7 @@ void warn_of_outliers(const std::vector<Rejected>& outliers, Notices& out) {
                                 "", std::string(kLookOrLeaveOut) + " (`reject` does)"));
 }
 
-/// Groups that came out much worse than such numbers usually are, and gears that the rig's path
-/// leaves out.
+/// Groups that came out much worse than such numbers usually are.
 void warn_of_widths(const Report& report, Notices& out) {
   std::vector<WarningItem> wide;
   for (const AutomaticGroup& group : report.automatic)
@@ -459,15 +454,6 @@ void warn_of_widths(const Report& report, Notices& out) {
                             "readings with the robot's display"));
     out.back().otherwise = "and look for the usual mistakes (`check`)";
   }
-  for (const OtherModel* gears : told_models(report.other_models, NoticeKind::gears))
-    if (!report.unexplained)
-      out.push_back(make_notice(NoticeKind::gears, {},
-                                text("the data give evidence for wrong gear ratios (log evidence "
-                                     "%.0f), which were not estimated",
-                                     gears->value),
-                                "predicted errors may be too small",
-                                "estimate them (`group` gears), unless an inaccurate board or "
-                                "repeated readings cause the same effect"));
 }
 
 void warn_of_minima(const Restarts& restarts, Notices& out) {
@@ -527,7 +513,7 @@ Notices warnings(const Report& report) {
   warn_of_quiet_joints(report, out);
   warn_of_contradicted(report, out);
   warn_of_use(report.residuals, out);
-  warn_of_doubted_priors(report, out);
+  warn_of_other_models(report, out);
   warn_of_movements(report.solution, out);
   warn_of_rescaled(report, out);
   warn_of_scales(report, out);

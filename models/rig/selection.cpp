@@ -175,6 +175,12 @@ Freed whole(const ParameterTable& table, int parameter) {
   return {parameter, indices(table.all[parameter].components.size())};
 }
 
+bool is_given(const Rig& rig, const Parameter& p) {
+  return p.kind == ParameterKind::sensor_pose   ? rig.sensors[p.owner].pose_given
+         : p.kind == ParameterKind::target_pose ? rig.targets[p.owner].pose_given
+                                                : true;
+}
+
 std::vector<int> open_poses(const Rig& rig, const ParameterTable& table) {
   const auto is_given = [](const auto& x) { return x.pose_given; };
   if (std::all_of(rig.sensors.begin(), rig.sensors.end(), is_given) &&

@@ -49,6 +49,8 @@ const Freed* find_freed(const std::vector<Freed>& free, int parameter);
 /// Returns the entry that estimates a whole parameter.
 Freed whole(const ParameterTable& table, int parameter);
 
+/// Returns false if a parameter is the pose of a sensor or target that the rig does not give.
+bool is_given(const Rig& rig, const Parameter& parameter);
 /// Returns the poses of sensors and mounted targets without a value in the rig that a step
 /// estimates completely and without a prior. If the rig has no steps, these are all absent poses.
 /// (Other absent poses are the identity.)

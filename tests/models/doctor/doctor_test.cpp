@@ -149,10 +149,9 @@ TEST_CASE("hypotheses: undone twice is nothing done") {
         h.kind != NoticeKind::joint_sign && h.kind != NoticeKind::inverted_pose &&
         h.kind != NoticeKind::eye_in_hand)
       continue;
-    Rig rig = e.rig;
-    std::vector<Sample> samples = e.samples;
-    h.undo(rig, samples);
-    h.undo(rig, samples);
+    const Recording twice = h.undo(h.undo(Recording(e.rig, e.samples)));
+    const Rig& rig = twice.rig;
+    const std::vector<Sample>& samples = twice.samples;
     ++tried;
     INFO(id(h.kind) << ": " << h.mistake);
     CHECK(rig.sensors[0].link == 3);

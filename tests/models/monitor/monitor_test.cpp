@@ -302,7 +302,7 @@ TEST_CASE("monitor: saved and loaded it goes on to the last bit") {
 
 TEST_CASE("monitor: each sample has its own conditions, and a prepared form changes nothing") {
   Rig rig = arm();
-  rig.joints[joint_index(rig, "elbow")].backlash = 0.002;
+  rig.joints[joint_index(rig, "elbow")].terms.backlash = 0.002;
   CalibratedState state{rig, ParameterTable(rig).initial, {}, {}, {}, {}};
   state.columns = components_of(freed(ParameterTable(rig), {"sensor/*/pose"}));
   const auto n = static_cast<Eigen::Index>(state.columns.size());
