@@ -12,7 +12,33 @@ namespace kincal {
 namespace {
 
 constexpr int kSteps = 30;          // three digits each: more than it takes
+constexpr int kPositionSteps = 5;   // couplings of some percent: two digits each
 constexpr double kDamping = 1e-12;  // c, of the trace: above rounding, below what slows the steps
+
+/// The joints with the readings that move a frame, without those that they are coupled to.
+std::vector<int> moving_joints(const Rig& rig, const Frame& tip) {
+  std::vector<int> out;
+  for (const PathStep& step : find_path(rig.tree, rig.base, tip.link)) {
+    if (!rig.tree.joints[step.joint].moves()) continue;
+    const int joint = driver(rig.tree, step.joint).joint;
+    if (std::find(out.begin(), out.end(), joint) == out.end()) out.push_back(joint);
+  }
+  return out;
+}
+
+/// Readings at which the joints that move the tip are where the planned robot's are at `at`.
+Readings same_positions(const RobotTip& real, const RobotTip& planned, const Readings& at) {
+  const Configuration wanted(*planned.robot.rig, *planned.robot.table, planned.robot.values, at);
+  Readings out = at;
+  for (int step = 0; step < kPositionSteps; ++step) {
+    const Readings last = out;
+    const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, last,
+                              real.conditions);
+    for (const int j : moving_joints(*real.robot.rig, real.tip))
+      out[j] += (wanted.position(j) - robot.position(j)) / robot.by_reading_of(j, j);
+  }
+  return out;
+}
 
 /// The motion of the frame, seen from itself, by the readings of the joints that move it (6 x
 /// joints); which these are.
@@ -23,7 +49,7 @@ struct TipMotion {
 TipMotion tip_motion(const Configuration& robot, const Frame& tip, const Pose& base_T_tip) {
   const Rig& rig = robot.rig();
   TipMotion out;
-  out.joints = joints_between(rig, rig.base, tip.link);
+  out.joints = moving_joints(rig, tip);
   out.columns.setZero(6, static_cast<Eigen::Index>(out.joints.size()));
   const Matrix3d back = base_T_tip.rotation.transpose();
   Pose a_T_from;
@@ -39,6 +65,7 @@ TipMotion tip_motion(const Configuration& robot, const Frame& tip, const Pose& b
     for_each_reading(rig, d.joint, [&](int by) {
       const double by_reading = d.factor * robot.by_reading_of(d.joint, by);
       const auto k = std::find(out.joints.begin(), out.joints.end(), by) - out.joints.begin();
+      if (k == out.columns.cols()) return;  // another reading, which stays
       out.columns.col(k).head<3>() +=
           by_reading * (back * (twist.head<3>() + twist.tail<3>().cross(base_T_tip.translation)));
       out.columns.col(k).tail<3>() += by_reading * (back * twist.tail<3>());
@@ -61,7 +88,7 @@ Compensated compensate(const RobotTip& real, const RobotTip& planned, const Read
   const Pose wanted = planned.at(at);
   double least = std::numeric_limits<double>::infinity();
   Compensated out{at, least, least};
-  Readings now = at;
+  Readings now = same_positions(real, planned, at);
   for (int step = 0; step < kSteps; ++step) {
     const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, now,
                               real.conditions);
