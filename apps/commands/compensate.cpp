@@ -71,19 +71,21 @@ RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const Compe
                    comma_separated(names_of(all_frames(file.rig, table))) + " is expected");
 }
 
-/// Postures of the rigid robot, and the joints that were asked for.
+/// Postures of the rigid robot with those of the real one, and the joints that were asked for.
 struct Planned {
   struct Row {
     std::string where;
     Readings readings;
-    std::optional<Pose> pose;  // that the real robot is to reach; none: that of the rigid one
+    Pose wanted;
+    Compensated found;
   };
   std::vector<Row> rows;
   std::vector<int> columns;
 };
 
 /// Reads a table of readings.
-Planned planned_readings(const CompensateArguments& a, const RobotTip& planned) {
+Planned planned_readings(const CompensateArguments& a, const RobotTip& real,
+                         const RobotTip& planned) {
   const Rig& rig = *planned.robot.rig;
   const JointTable table = read_joint_table(a.postures, rig, {});
   for (const std::string& note : table.notes) std::cerr << "kincal: note: " << note << "\n";
@@ -98,7 +100,9 @@ Planned planned_readings(const CompensateArguments& a, const RobotTip& planned) 
       if (std::isnan(readings[j]))
         throw InputError(row.where + ": there is no reading of joint '" + rig.tree.joints[j].name +
                          "', which moves '" + planned.tip.name + "'");
-    out.rows.push_back({row.where, completed(std::move(readings)), {}});
+    readings = completed(std::move(readings));
+    out.rows.push_back({row.where, readings, planned.at(readings),
+                        compensate(real, planned, readings, a.position)});
   }
   return out;
 }
@@ -130,8 +134,8 @@ Planned planned_poses(const CompensateArguments& a, const RobotTip& real, const 
           (a.position || out.columns.size() >= 6 ? ""
                                                  : "; with fewer than six joints use --position"));
     start = *found;
-    out.rows.push_back(
-        {row.where, compensate(planned, row.pose, start, a.position).readings, row.pose});
+    out.rows.push_back({row.where, compensate(planned, row.pose, start, a.position).readings,
+                        row.pose, compensate(real, row.pose, start, a.position)});
   }
   return out;
 }
@@ -141,8 +145,8 @@ struct CompensatedTable {
   std::string text, summary;
 };
 
-CompensatedTable compensated_table(const Planned& all, const RobotTip& real,
-                                   const RobotTip& planned, bool position, bool json) {
+CompensatedTable compensated_table(const Planned& all, const RobotTip& real, bool position,
+                                   bool json) {
   const Rig& rig = *real.robot.rig;
   const std::vector<int> needed = joints_between(rig, rig.base, real.tip.link);
   const std::vector<int>& columns = all.columns;
@@ -154,11 +158,10 @@ CompensatedTable compensated_table(const Planned& all, const RobotTip& real,
   if (!json) out.text += "\n";
   for (const Planned::Row& row : all.rows) {
     const Readings& readings = row.readings;
-    const Pose wanted = row.pose.value_or(planned.at(readings));
-    const Compensated found = compensate(real, wanted, readings, position);
+    const Compensated& found = row.found;
     if (!std::isfinite(found.position))
       throw InputError(row.where + ": the robot has no equilibrium in this posture");
-    const double error = (real.at(readings).translation - wanted.translation).norm();
+    const double error = (real.at(readings).translation - row.wanted.translation).norm();
     off += error * error;
     most_off = std::max(most_off, error);
     left = std::max(left, found.position);
@@ -228,9 +231,9 @@ int compensate_postures(const CompensateArguments& a) {
     }
     if (!a.postures.empty()) {
       const bool json = fs::path(a.out.empty() ? a.postures : a.out).extension() == ".jsonl";
-      const Planned rows =
-          a.pose_format.empty() ? planned_readings(a, planned) : planned_poses(a, real, planned);
-      const CompensatedTable found = compensated_table(rows, real, planned, a.position, json);
+      const Planned rows = a.pose_format.empty() ? planned_readings(a, real, planned)
+                                                 : planned_poses(a, real, planned);
+      const CompensatedTable found = compensated_table(rows, real, a.position, json);
       std::cerr << found.summary << "\n";
       if (a.out.empty())
         std::cout << found.text;

@@ -120,7 +120,7 @@ static double kincal_position(const struct kincal_joint* j, const double* q, dou
 
 /* Poses of a robot: of every joint's frame before its motion (bent) and of the link behind it, seen
    from the root. Returns 0; 1: there is no equilibrium. */
-struct kincal_poses { struct kincal_pose frame[KINCAL_JOINTS], link[KINCAL_JOINTS]; double by_reading[KINCAL_JOINTS]; };
+struct kincal_poses { struct kincal_pose frame[KINCAL_JOINTS], link[KINCAL_JOINTS]; double by_reading[KINCAL_JOINTS], at[KINCAL_JOINTS]; };
 static int kincal_stand(const struct kincal_robot* robot, const double* q, struct kincal_poses* out) {
   struct kincal_pose motion[KINCAL_JOINTS];
   double bend[KINCAL_JOINTS][9], delta[KINCAL_JOINTS][3], moment[KINCAL_JOINTS][3];
@@ -129,6 +129,7 @@ static int kincal_stand(const struct kincal_robot* robot, const double* q, struc
   for (int j = 0; j < robot->joints; ++j) {
     const struct kincal_joint* joint = robot->joint + j;
     const double at = kincal_position(joint, q, out->by_reading + j);
+    out->at[j] = at;
     any = any || joint->bends;
     for (int i = 0; i < 3; ++i) {
       motion[j].p[i] = joint->type == 2 ? at * joint->axis[i] : 0;
@@ -244,15 +245,33 @@ static int kincal_compensate(const double planned[KINCAL_READINGS], int rows,
                              double q[KINCAL_READINGS], double left[2]) {
   struct kincal_pose wanted, tip, off;
   struct kincal_poses poses;
-  double now[KINCAL_READINGS], least = HUGE_VAL;
-  if (kincal_forward(&kincal_planned, planned, &wanted)) return 1;
+  double now[KINCAL_READINGS], at[KINCAL_JOINTS], least = HUGE_VAL;
+  int moving[KINCAL_READINGS] = {0}, columns = 0;
+  if (kincal_stand(&kincal_planned, planned, &poses)) return 1;
+  kincal_tip_of(&kincal_planned, &poses, &wanted);
   left[0] = left[1] = HUGE_VAL;
   for (int i = 0; i < KINCAL_READINGS; ++i) q[i] = now[i] = planned[i];
+  for (int j = 0; j < KINCAL_JOINTS; ++j) at[j] = poses.at[j];
+  for (int j = 0; j < KINCAL_JOINTS; ++j)
+    if (kincal_real.joint[j].type != 0 && kincal_side(&kincal_real, j)) moving[kincal_real.joint[j].reading] = 1;
+  for (int i = 0; i < KINCAL_READINGS; ++i) columns += moving[i];
+  for (int step = 0; step < 5; ++step) { /* each joint to where it was planned */
+    double last[KINCAL_READINGS];
+    int done[KINCAL_READINGS] = {0};
+    for (int i = 0; i < KINCAL_READINGS; ++i) last[i] = now[i];
+    for (int j = 0; j < KINCAL_JOINTS; ++j) {
+      const struct kincal_joint* joint = kincal_real.joint + j;
+      double by = 0;
+      const double is = kincal_position(joint, last, &by);
+      if (joint->type == 0 || !kincal_side(&kincal_real, j) || done[joint->reading]) continue;
+      now[joint->reading] += (at[j] - is) / by;
+      done[joint->reading] = 1;
+    }
+  }
   for (int step = 0; step < 30; ++step) {
     double e[6], jacobian[6][KINCAL_READINGS] = {{0}}, size = 0, trace = 0;
     double gram[KINCAL_READINGS > 6 ? KINCAL_READINGS * KINCAL_READINGS : 36];
     double right[KINCAL_READINGS > 6 ? KINCAL_READINGS : 6];
-    int moving[KINCAL_READINGS] = {0}, columns = 0;
     struct kincal_pose root_tip = kincal_real.tip_frame;
     if (kincal_stand(&kincal_real, now, &poses)) return 1;
     kincal_tip_of(&kincal_real, &poses, &tip);
@@ -283,14 +302,12 @@ static int kincal_compensate(const double planned[KINCAL_READINGS], int rows,
       for (int c = -1; c < joint->couplings; ++c) {
         const int reading = c < 0 ? joint->reading : joint->coupled_to[c];
         const double by = c < 0 ? poses.by_reading[j] : joint->factor * joint->coupling[c];
-        moving[reading] = 1;
-        for (int i = 0; i < 3; ++i) {
+        for (int i = 0; moving[reading] && i < 3; ++i) {
           jacobian[i][reading] += by * v[i];
           jacobian[3 + i][reading] += by * axis[i];
         }
       }
     }
-    for (int i = 0; i < KINCAL_READINGS; ++i) columns += moving[i];
     {
       const int wide = columns >= rows, n = wide ? rows : KINCAL_READINGS;
       for (int i = 0; i < n; ++i) {
@@ -390,10 +407,10 @@ def coupled(j):
 
 
 def stand(robot, q):
-    """Poses of every joint's frame (bent, before its motion) and of the link behind it, seen from the root; motion by the reading."""
+    """Poses of every joint's frame (bent, before its motion) and of the link behind it, seen from the root; motion by the reading; positions."""
     joints = robot['joints']
     n = len(joints)
-    motion, by_reading = [np.eye(4) for _ in joints], np.zeros(n)
+    motion, by_reading, position = [np.eye(4) for _ in joints], np.zeros(n), np.zeros(n)
     for i, j in enumerate(joints):
         if j['type'] == 'fixed':
             continue
@@ -402,7 +419,7 @@ def stand(robot, q):
         more, by = ripple(j['ripple'], reading) if 'ripple' in j else (0, 0)
         error, slope = error + more + j.get('temperature', 0) * (temperature - 20) + sum(c * q[o] for o, c in coupled(j)), slope + by
         at = j['factor'] * (j['scale'] * reading + j['offset'] + error) + j['shift']
-        by_reading[i] = j['factor'] * (j['scale'] + slope)
+        position[i], by_reading[i] = at, j['factor'] * (j['scale'] + slope)
         axis = np.array(j['axis'])
         if j['type'] == 'prismatic':
             motion[i][:3, 3] = at * axis
@@ -439,7 +456,7 @@ def stand(robot, q):
         at = origin[i] if j['above'] < 0 else links[j['above']] @ origin[i]
         frames.append(at @ pose(exp(delta[i]), [0, 0, 0]))
         links.append(frames[i] @ motion[i])
-    return frames, links, by_reading
+    return frames, links, by_reading, position
 
 
 def tip_of(robot, links):
@@ -469,9 +486,18 @@ def compensate(planned, rows=6):
     robot, wanted = DATA['real'], forward(planned, 'planned')
     to_tip, to_base = above(robot, robot['tip']), above(robot, robot['base'])
     now, least = np.array(planned, dtype=float), np.inf
+    moving = {}
+    for i in sorted(to_tip ^ to_base):
+        if robot['joints'][i]['type'] != 'fixed':
+            moving.setdefault(robot['joints'][i]['reading'], i)
+    at = stand(DATA['planned'], planned)[3]
+    for _ in range(5):  # each joint to where it was planned
+        by, position = stand(robot, now)[2:]
+        for reading, i in moving.items():
+            now[reading] += (at[i] - position[i]) / by[i]
     out = now.copy(), np.inf, np.inf
     for _ in range(30):
-        frames, links, by_reading = stand(robot, now)
+        frames, links, by_reading, _ = stand(robot, now)
         tip, root_tip = tip_of(robot, links)
         off = back(tip) @ wanted
         e = np.r_[off[:3, 3], log(off[:3, :3])]
@@ -479,7 +505,7 @@ def compensate(planned, rows=6):
         if not size < 0.5 * least:
             break
         least, out = size, (now.copy(), np.linalg.norm(e[:3]), np.linalg.norm(e[3:]))
-        jacobian, moving = np.zeros((6, len(now))), set()
+        jacobian = np.zeros((6, len(now)))
         for i in to_tip ^ to_base:
             j = robot['joints'][i]
             if j['type'] == 'fixed':
@@ -488,8 +514,8 @@ def compensate(planned, rows=6):
             v = axis if j['type'] == 'prismatic' else np.cross(axis, root_tip[:3, 3] - frames[i][:3, 3])
             w = np.zeros(3) if j['type'] == 'prismatic' else axis
             for reading, by in [(j['reading'], by_reading[i])] + [(o, j['factor'] * c) for o, c in coupled(j)]:
-                jacobian[:, reading] += by * np.r_[root_tip[:3, :3].T @ v, root_tip[:3, :3].T @ w]
-                moving.add(reading)
+                if reading in moving:
+                    jacobian[:, reading] += by * np.r_[root_tip[:3, :3].T @ v, root_tip[:3, :3].T @ w]
         a = jacobian[:rows]
         wide = len(moving) >= rows
         gram = a @ a.T if wide else a.T @ a

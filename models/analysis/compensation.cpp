@@ -13,7 +13,33 @@ namespace kincal {
 namespace {
 
 constexpr int kSteps = 30;          // three digits each: more than it takes
+constexpr int kPositionSteps = 5;   // couplings of some percent: two digits each
 constexpr double kDamping = 1e-12;  // c, of the trace: above rounding, below what slows the steps
+
+/// The joints with the readings that move a frame, without those that they are coupled to.
+std::vector<int> moving_joints(const Rig& rig, const Frame& tip) {
+  std::vector<int> out;
+  for (const PathStep& step : find_path(rig.tree, rig.base, tip.link)) {
+    if (!rig.tree.joints[step.joint].moves()) continue;
+    const int joint = driver(rig.tree, step.joint).joint;
+    if (std::find(out.begin(), out.end(), joint) == out.end()) out.push_back(joint);
+  }
+  return out;
+}
+
+/// Readings at which the joints that move the tip are where the planned robot's are at `at`.
+Readings same_positions(const RobotTip& real, const RobotTip& planned, const Readings& at) {
+  const Configuration wanted(*planned.robot.rig, *planned.robot.table, planned.robot.values, at);
+  Readings out = at;
+  for (int step = 0; step < kPositionSteps; ++step) {
+    const Readings last = out;
+    const Configuration robot(*real.robot.rig, *real.robot.table, real.robot.values, last,
+                              real.conditions);
+    for (const int j : moving_joints(*real.robot.rig, real.tip))
+      out[j] += (wanted.position(j) - robot.position(j)) / robot.by_reading_of(j, j);
+  }
+  return out;
+}
 
 /// The motion of the frame, seen from itself, by the readings of the joints that move it (6 x
 /// joints); which these are.
@@ -22,12 +48,19 @@ struct TipMotion {
   std::vector<int> joints;
 };
 TipMotion tip_motion(const RobotTip& robot, const Readings& readings, const Pose& base_T_tip) {
-  FrameDerivative d = frame_derivative(*robot.robot.rig, *robot.robot.table, robot.robot.values, {},
-                                       robot.tip, readings);
+  const FrameDerivative d = frame_derivative(*robot.robot.rig, *robot.robot.table,
+                                             robot.robot.values, {}, robot.tip, readings);
+  TipMotion out;
+  out.joints = moving_joints(*robot.robot.rig, robot.tip);
+  out.columns.setZero(6, static_cast<Eigen::Index>(out.joints.size()));
   const Matrix3d back = base_T_tip.rotation.transpose();
-  TipMotion out{MatrixXd(6, d.by_joints.cols()), std::move(d.moving)};
-  out.columns.topRows<3>() = back * d.by_joints.topRows<3>();
-  out.columns.bottomRows<3>() = back * d.by_joints.bottomRows<3>();
+  for (size_t i = 0; i < d.moving.size(); ++i) {
+    const auto k =
+        std::find(out.joints.begin(), out.joints.end(), d.moving[i]) - out.joints.begin();
+    if (k == out.columns.cols()) continue;  // another reading, which stays
+    out.columns.col(k).head<3>() = back * d.by_joints.col(static_cast<Eigen::Index>(i)).head<3>();
+    out.columns.col(k).tail<3>() = back * d.by_joints.col(static_cast<Eigen::Index>(i)).tail<3>();
+  }
   return out;
 }
 
@@ -71,7 +104,7 @@ Compensated compensate(const RobotTip& real, const Pose& wanted, const Readings&
 
 Compensated compensate(const RobotTip& real, const RobotTip& planned, const Readings& at,
                        bool position_only) {
-  return compensate(real, planned.at(at), at, position_only);
+  return compensate(real, planned.at(at), same_positions(real, planned, at), position_only);
 }
 
 namespace {

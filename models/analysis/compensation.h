@@ -2,11 +2,11 @@
 // for one that is rigid.
 //
 // With T(q) the pose of the tip at readings q, * what was planned, the readings wanted are those
-// of T_real(q)^-1 T* = 1. From q = q* on, each step adds J'(J J' + c)^-1 e (or, of a robot with
-// less than six joints on the path, (J'J + c)^-1 J'e, least squares, 1 rad as 1 m), e = [p | theta]
-// that pose's translation and rotation vector, J the motion of the tip, seen from itself, of the
-// joints as if they were rigid, c = 1e-12 tr. What bending changes in J is a thousandth of it, so
-// each step gains three digits.
+// of T_real(q)^-1 T* = 1. From those on at which each joint is where it was planned, each step adds
+// J'(J J' + c)^-1 e (or, of a robot with less than six joints on the path, (J'J + c)^-1 J'e, least
+// squares, 1 rad as 1 m), e = [p | theta] that pose's translation and rotation vector, J the motion
+// of the tip, seen from itself, of the joints as if they were rigid, c = 1e-12 tr. What bending
+// changes in J is a thousandth of it, so each step gains three digits.
 #pragma once
 
 #include <optional>

@@ -134,6 +134,39 @@ double log_determinant(const MatrixXd& scatter) {
   return out;
 }
 
+/// How far neighbours agree in what a regression leaves.
+struct Neighbours {
+  double clear = 0;  // standard deviations beyond what is expected
+  double share = 0;  // of the scatter that is left
+};
+
+/// `left` are the rest of errors, u the regression's orthonormal columns; both in the order of
+/// readings.
+Neighbours agreement(const VectorXd& left, const MatrixXd& u) {
+  const auto beside = [](const MatrixXd& a) {  // S a
+    MatrixXd out = MatrixXd::Zero(a.rows(), a.cols());
+    out.topRows(a.rows() - 1) += a.bottomRows(a.rows() - 1) / 2;
+    out.bottomRows(a.rows() - 1) += a.topRows(a.rows() - 1) / 2;
+    return out;
+  };
+  const auto n = static_cast<double>(left.size()), m = n - static_cast<double>(u.cols());
+  const MatrixXd su = beside(u), usu = u.transpose() * su;
+  const double trace = -usu.trace(),
+               squares = (n - 1) / 2 - 2 * su.squaredNorm() + usu.squaredNorm(), mean = trace / m,
+               variance = 2 * (squares - trace * trace / m) / (m * (m + 2)),
+               r = left.dot(VectorXd(beside(left))) / left.squaredNorm();
+  if (!(variance > 0) || !(r > mean)) return {};
+  return {(r - mean) / std::sqrt(variance), std::min(1.0, r - mean)};
+}
+
+/// The rows of a matrix in another order.
+MatrixXd in_order(const MatrixXd& rows, const std::vector<int>& order) {
+  MatrixXd out(rows.rows(), rows.cols());
+  for (size_t r = 0; r < order.size(); ++r)
+    out.row(static_cast<Eigen::Index>(r)) = rows.row(order[r]);
+  return out;
+}
+
 /// The trend of errors with these columns; `clear` is 0 where there are too few samples to tell.
 Trend trend_of(const Tree& tree, int joint, const JointErrors& errors, const MatrixXd& columns) {
   Trend out{joint, 0};
@@ -149,13 +182,22 @@ Trend trend_of(const Tree& tree, int joint, const JointErrors& errors, const Mat
   if (rank < 2 || !(sizes.minCoeff() > 0)) return out;
   scatter.array().rowwise() /= sizes.array();  // each error counts alike
   const MatrixXd u = basis.u.leftCols(rank), left = scatter - u * (u.transpose() * scatter);
-  const double m = p * k,
-               chi2 = -(n - 1 - (p + k + 1) / 2) * (log_determinant(left.transpose() * left) -
-                                                    log_determinant(scatter.transpose() * scatter));
+  Neighbours neighbours;
+  if (errors.axes.size() == 1) {
+    std::vector<int> order = indices(static_cast<size_t>(columns.rows()));
+    std::stable_sort(order.begin(), order.end(),
+                     [&](int a, int b) { return columns(a, 1) < columns(b, 1); });
+    neighbours = agreement(in_order(left, order), in_order(u, order));
+  }
+  const double m = p * k + (errors.axes.size() == 1 ? 1 : 0),
+               chi2 = neighbours.clear * neighbours.clear -
+                      (n - 1 - (p + k + 1) / 2) * (log_determinant(left.transpose() * left) -
+                                                   log_determinant(scatter.transpose() * scatter));
   out.clear = chi2_deviate(chi2, m);
   for (long c = 0; c < left.cols(); ++c) {
     const double remains = left.col(c).squaredNorm(),
-                 share = std::max(0.0, 1 - remains * (n - 1) / (n - 1 - k));
+                 noise = std::min(1.0, remains * (n - 1) / (n - 1 - k)),
+                 share = 1 - noise * (1 - neighbours.share);
     out.share = std::max(out.share, share);
     const double size = share * sizes(c) * sizes(c) / n;
     (tree.joints[errors.axes[static_cast<size_t>(c)]].type == JointType::prismatic ? out.shift

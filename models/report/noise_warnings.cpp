@@ -283,8 +283,8 @@ void warn_of_trends(const Report& report, Notices& out) {
           "near 1: errors may be several sigmas, most of all away from the recorded postures",
       flange ? "record the joint readings and calibrate with the robot's URDF, so that its zeros "
                "are estimated too, or set the robot's zeros again"
-             : "estimate the effects that the rig can express (gears: `group` gears), and look for "
-               "bending or loose parts"));
+             : "estimate the effects that the rig can express (gears: `group` gears; error curves: "
+               "`model: curve`), and look for bending or loose parts"));
   out.back().otherwise = "otherwise use the result only near the recorded poses";
 }
 

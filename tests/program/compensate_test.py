@@ -78,7 +78,7 @@ ROBOTS = {
     "slide": (SLIDING, elasticity("abcef", "stator", 6)),
     "follower": (FOLLOWING, "joints: {c: %s}\n" % curve(7) + elasticity("abcf", "rotor", 8)),
     "terms": (urdf(SIX), "joints: {a: {temperature: 5.0e-05}, b: {gear_ratio: [100, 31.5], ripple: [0.0002, -0.0001, 0.0003, 0.0001, -0.0001, 0.0002, 0.0001, 0.0003]}, "
-                         "c: {coupling: {b: -0.004, d: 0.002}}, e: {temperature: -3.0e-05, gear_ratio: 80, ripple: [0, 0.0002, 0, 0]}, f: {coupling: {e: 0.005}}}\n"),
+                         "c: {coupling: {b: -0.04, d: 0.02}}, e: {temperature: -3.0e-05, gear_ratio: 80, ripple: [0, 0.0002, 0, 0]}, f: {coupling: {e: 0.05}}}\n"),
     "pan and tilt": (urdf(SIX[:1] + [("b", "hand", "0 1 0", "0.1 0 0.1")]), "joints: {a: %s, b: %s}\n" % (curve(9), curve(10))),
 }
 

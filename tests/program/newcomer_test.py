@@ -391,11 +391,30 @@ class Words(Case):
             self.assertEqual(self.warnings(result, "systematic"), [])
             self.assertEqual(result["verdict"]["use"], "good")
             self.assertIn("compliance", [g["group"] for g in result["automatic"] if not g["held"]])
-            result, _ = self.calibrate(clean, "--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", rig="open.yaml")
+            result, _ = self.calibrate(clean, "--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", "--no-group", "coupling/*", rig="open.yaml")
             found, = self.warnings(result, "systematic")
             self.assertRegex(found, r"the errors of the readings of joint 'j2' depend on its position \(0\.\d+ mrad, up to \d+ % of their scatter\)")
             self.assertEqual(result["verdict"]["use"], "doubts")
             self.assertIn("depend on its position", result["verdict"]["text"])
+
+    def test_errors_that_are_a_curve(self):
+        """An error with cycles over the angle is a curve, which is found; where steps leave it out, neighbouring angles agree in it, and a warning says so. Noise of the size has none."""
+        true = CAMERA
+        for old, new in CAMERA_POSES:
+            true = true.replace(old, new)
+        steps = "estimate:\n  - {step: all, free: [sensor/cam/pose, target/board/pose, joint/*/offset], priors: {joint/*/offset: 0.01}}\n"
+        self.write("open.yaml", CAMERA.replace("0.0002", "0.0007") + steps)
+        clean = self.simulate(true, {"joint/j2/offset": 0.008}, samples=80, seed=4)
+        rng = random.Random(3)
+        noisy = json.loads(json.dumps(clean))
+        for s, n in zip(clean, noisy):
+            s["joints"]["j2"] += 0.001 * math.sin(10 * s["joints"]["j2"] + 1)
+            n["joints"]["j2"] += 0.0007 * rng.gauss(0, 1)
+        result, text = self.calibrate(noisy, rig="open.yaml")
+        self.assertEqual(self.warnings(result, "systematic"), [], text)
+        result, text = self.calibrate(clean, rig="open.yaml")
+        found, = self.warnings(result, "systematic")
+        self.assertRegex(found, r"the errors of the readings of joint 'j2' depend on its position \(0\.\d+ mrad, up to \d+ % of their scatter\)")
 
     def test_errors_that_jump(self):
         """A joint that was homed anew at half time: which sample, also where the samples are not in the order of their times."""

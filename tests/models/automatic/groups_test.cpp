@@ -556,6 +556,8 @@ TEST_CASE("groups: chosen by names and globs") {
     for (const char* joint :  // error curves may be asked for, too
          {"head1", "head2", "left1", "left2", "left3", "right1", "right2", "right3"})
       all.insert(std::string("curve/") + joint);
+    for (const std::string& name : error.valid)  // and couplings to next joints
+      if (StartsWith("coupling/").match(name)) all.insert(name);
     CHECK(std::set<std::string>(error.valid.begin(), error.valid.end()) == all);
   }
 }
