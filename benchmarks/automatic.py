@@ -674,6 +674,14 @@ def read_model(folder, nominal):
     return model
 
 
+FURTHER = ("backlash", "compliance", "coupling", "curve", "load", "ripple", "temperature", "time_offset")
+
+
+def further(result):
+    """Parameters of bending, curves and conditions: no robot here has any, and the model of this script has none."""
+    return sorted(n for n in result["parameters"] if n.rpartition("/")[2] in FURTHER)
+
+
 def value(result, parameter, size=1):
     return np.array(result["parameters"].get(parameter, {"value": [0.0] * size})["value"], float)
 
@@ -785,8 +793,11 @@ def measure(task):
         outcome.update(exit=code, seconds=seconds, error=error.strip(), warnings=[], judged={})
         if os.path.exists(os.path.join(out, "result.json")):
             with open(os.path.join(out, "result.json")) as f:
-                outcome["warnings"] = [w["id"] for w in json.load(f)["warnings"]]
-            outcome["judged"], outcome["differs"] = judge(case, out)
+                result = json.load(f)
+            outcome["warnings"] = [w["id"] for w in result["warnings"]]
+            outcome["further"] = further(result)
+            if not outcome["further"]:
+                outcome["judged"], outcome["differs"] = judge(case, out)
         return outcome
     finally:
         if not options.keep:
@@ -805,7 +816,7 @@ def shares(values):
 
 
 def row(title, outcomes, what):
-    judged = [o for o in outcomes if o["exit"] == 0]
+    judged = [o for o in outcomes if o["exit"] == 0 and o["judged"]]
     counts = ["%d + %d" % tuple(sum(beyond(o, what, k) and bool(o["warnings"]) == warned for o in judged) for warned in (False, True)) for k in (3, 5)]
     pairs = [v for o in judged for q, v in o["judged"].items() if q.startswith(what) and v[0] > NONE]
     print("%-8s %-7s %6d  %9s  %9s  %-28s %9s  %9s" % (title, what, len(judged), *counts, shares([p / e for e, p in pairs]),
@@ -838,6 +849,10 @@ def tell(outcomes, proof):
         worst = sorted(((e / max(p, 1e-12), q, e, p) for q, (e, p) in o["judged"].items()), reverse=True)[0]
         print("  seed %d, %s (%s)\n    %s: %.3f mm for %.3f predicted%s" % (o["seed"], o["kind"], o["about"], worst[1], 1000 * worst[2], 1000 * worst[3],
               "; warnings: " + ", ".join(sorted(set(o["warnings"]))) if o["warnings"] else "; no warning"))
+    given = [o for o in outcomes if o.get("further")]
+    print("\nRobots that were given parameters of bending, curves or conditions: %d (not judged)" % len(given))
+    for o in given:
+        print("  seed %d, %s (%s): %s" % (o["seed"], o["kind"], o["about"], ", ".join(o["further"])))
     others = [o for o in outcomes if o["exit"] != 0]
     print("\nOther exit codes than 0: %d robots" % len(others))
     for o in others:

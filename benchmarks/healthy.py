@@ -676,7 +676,9 @@ def measure(task):
                        warnings=[[w["id"], w["text"][:300]] for w in result["warnings"]],
                        findings=[[f["id"], f["text"][:300]] for f in result.get("findings", [])], chi2=[result["chi2_data"], result["dof_data"]],
                        noise=noise_found(case, result), estimated=bool(result.get("noise_estimated")) or options.guess is not None)
-            row["judged"] = base.judge(case, out)[0]
+            row["further"] = base.further(result)
+            if not row["further"]:
+                row["judged"] = base.judge(case, out)[0]
         return row
     finally:
         if not options.keep:
@@ -736,6 +738,8 @@ def tell(rows):
         loud = [r for r in group if is_loud(r)]
         print("| %s | %s | %d | %d | %s | %s | %d |" % (kind, share(len(told), len(group)), len(loud), sum(r["cause"] in POOR for r in loud),
               counted(a for r in told for a in alarms(r)), ratios([r for r in group if r["exit"] == 0]), sum(is_silently_wrong(r) for r in group)))
+    given = [r for r in rows if r.get("further")]
+    print("\nGiven bending, curves or conditions, which none has (not judged): %s %s" % (share(len(given), len(rows)), ", ".join("%s %d" % (r["kind"], r["seed"]) for r in given)))
     tell_seeds(rows)
 
 
