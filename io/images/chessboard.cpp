@@ -316,9 +316,8 @@ Detection find_chessboard(const cv::Mat& image, const ImageTarget& target,
         out.reason = "its squares are too small for the blur";
         return out;
       }
-      out.reason = board.rest.empty()
-                       ? "an object that resembles it was found, but it has no squares"
-                       : "a part of a larger chessboard looks like it";
+      out.reason = board.rest.empty() ? "something looks like it, but it has no squares"
+                                      : "a part of a larger chessboard looks like it";
       rest = board.rest;
     }
   }

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <set>
 
+#include "../fitting/robust.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -27,11 +29,59 @@ double left_of_target(const Rig& rig, const Sample& sample, const View& view,
 
 }  // namespace
 
+namespace {
+
+/// Residuals and joint errors of each sample, squared and whitened, and how many of them its own
+/// unknowns leave: chi-squared, or less where shared unknowns take some of it up.
+std::vector<Mean> sample_squares(const Solution& solution,
+                                 const std::map<const View*, Mean>& views) {
+  const Rig& rig = solution.rig();
+  std::vector<Mean> out(solution.samples().size());
+  for (size_t i = 0; i < out.size(); ++i) {
+    std::set<int> free;
+    for (const View& v : solution.samples()[i].views) {
+      const auto mean = views.find(&v);
+      if (mean == views.end()) continue;
+      out[i].sum += mean->second.sum;
+      out[i].count += mean->second.count;
+      if (rig.targets[v.target].link < 0) free.insert(v.target);
+    }
+    out[i].count -= 6 * static_cast<long>(free.size());
+  }
+  for (const auto& e : solution.values.errors)
+    out[e.first.first].sum +=
+        std::pow(e.second / joint_sigma(rig, solution.samples()[e.first.first], e.first.second), 2);
+  return out;
+}
+
+/// Samples that are larger than chance makes one in a hundred recordings: by what is usual of the
+/// others where that is more than the noise.
+std::vector<char> beyond_chance(const Solution& solution,
+                                const std::map<const View*, Mean>& views) {
+  constexpr double kOneInHundred = 0.01;
+  const std::vector<Mean> squares = sample_squares(solution, views);
+  std::vector<char> out(squares.size(), 0);
+  double usual = std::min(1.0, solution.chi2_per_dof());
+  for (const bool train : {true, false}) {
+    std::vector<double> means;
+    for (size_t i = 0; i < squares.size(); ++i)
+      if (solution.samples()[i].train == train && squares[i].count > 0)
+        means.push_back(squares[i].value());
+    usual = std::max(usual, median(means, 0));
+    for (size_t i = 0; i < squares.size(); ++i)
+      if (solution.samples()[i].train == train && squares[i].count > 0)
+        out[i] = chi2_tail(squares[i].sum / usual, static_cast<double>(squares[i].count)) <
+                 kOneInHundred / static_cast<double>(squares.size());
+  }
+  return out;
+}
+
+}  // namespace
+
 Misfits misfits(const Solution& solution, const Residuals& residuals) {
   const Rig& rig = solution.rig();
-  // Three times as large as usual, and by chance in one of a hundred recordings with so many.
-  const auto sticks_out = [](double ratio, double sum, double count, size_t among) {
-    return ratio > 9 && chi2_tail(sum, count) < 0.01 / static_cast<double>(among);
+  const auto sticks_out = [](double ratio, long count) {
+    return ratio > std::max(9.0, chi2_bound(count) / static_cast<double>(count));
   };
 
   std::map<const View*, Mean> views;
@@ -55,7 +105,7 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
   for (size_t s = 0; s < rig.sensors.size(); ++s) {
     double least = rig.sensors[s].model->measurement_kind() == MeasurementKind::chain
                        ? 1
-                       : std::min(1.0, solution.chi2_per_dof());
+                       : kLeastNoiseRatio * kLeastNoiseRatio;
     for (bool train : {true, false}) {
       std::vector<double> means;
       for (const Sample& sample : solution.samples())
@@ -68,8 +118,10 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
     }
   }
 
+  const std::vector<char> beyond = beyond_chance(solution, views);
   Misfits out;
   for (size_t i = 0; i < solution.samples().size(); ++i) {
+    if (!beyond[i]) continue;
     const Sample& sample = solution.samples()[i];
     std::vector<Misfit> bad;
     double worst = 0;
@@ -78,18 +130,14 @@ Misfits misfits(const Solution& solution, const Residuals& residuals) {
       const auto mean = views.find(&v);
       if (mean == views.end()) continue;
       ++seen;
-      const double of = usual[{v.sensor, sample.train}], ratio = mean->second.value() / of,
-                   left = left_of_target(rig, sample, v, views) *
-                          static_cast<double>(mean->second.count);
-      if (!sticks_out(ratio, mean->second.sum / of, std::max(1.0, left), views.size())) continue;
+      const double ratio = mean->second.value() / usual[{v.sensor, sample.train}];
+      if (!sticks_out(ratio, mean->second.count)) continue;
       bad.push_back({ratio, "'" + sample.id + "' " + rig.sensors[v.sensor].name});
       worst = std::max(worst, ratio);
     }
     const auto joint = joints.find(static_cast<int>(i));
     const double joint_ratio = joint == joints.end() ? 0 : joint->second.value() / usual_joints;
-    const bool wrong_joints = joint != joints.end() &&
-                              sticks_out(joint_ratio, joint->second.sum / usual_joints,
-                                         static_cast<double>(joint->second.count), joints.size());
+    const bool wrong_joints = joint != joints.end() && sticks_out(joint_ratio, joint->second.count);
     if (wrong_joints || 2 * bad.size() > seen)
       out.samples.push_back({std::max(worst, wrong_joints ? joint_ratio : 0.0),
                              "'" + sample.id + "'" + (sample.train ? "" : " (held out)")});

@@ -6,9 +6,10 @@
 // its residuals: half for three points before two cameras, none before one camera. Otherwise views
 // that keep all their noise would appear as outliers. Likewise a sample's mean squared joint error
 // in sigmas is compared with the median over samples. An outlier is above nine times the median
-// (three times in size) and by chance in one of a hundred recordings. The median counts as no less
-// than the noise: where joint errors absorb most residuals, some views keep all of theirs. If more
-// than half of a sample's views are outliers, or its joint errors, the sample itself is named.
+// (three times in size) and above the limit of chance, chi2_bound(n) / n. If more than half of a
+// sample's views are outliers, or its joint errors, the sample itself is named. Only samples are
+// tested whose squares, joint errors included, are larger than the largest by chance in one of a
+// hundred recordings: where joint errors absorb most residuals, some views keep all of theirs.
 // After a plain fit that gross outliers have corrupted, the names may be wrong:
 // calibrate_without_outliers() finds the right ones.
 #pragma once

@@ -13,8 +13,9 @@ namespace {
 
 constexpr int kLearnRounds = 60, kFits = 3;  // of widths; of a factor in common
 
-constexpr double kTold = 5;       // sigmas of a length that may be wrong alone
-constexpr double kOwnWidth = 10;  // times the starting width, to begin with
+constexpr double kFarOfArm = 0.1;  // share of the arm's longest length
+constexpr double kTold = 5;        // sigmas of a length that may be wrong alone
+constexpr double kOwnWidth = 10;   // times the starting width, to begin with
 
 // Log odds beforehand, against the groups as they are.
 const double kArmScale = std::log(0.01), kLength = std::log(0.1), kPrior = std::log(0.1),
@@ -56,15 +57,14 @@ VectorXd lengths_of(const Recording& recording, const FitWidths& at, const Vecto
 std::optional<OtherModel> common_factor(const Recording& recording, const FitWidths& at,
                                         const Widths& widths, const VectorXd& initial) {
   constexpr double kStep = 0.01, kMost = 0.5;  // of m
-  constexpr double kFar = 0.1;                 // share of the arm's longest length
   OtherModel out;
   out.kind = NoticeKind::arm_scale;
   const VectorXd lengths = lengths_of(recording, at, initial);
   if (!(lengths.squaredNorm() > 0)) return std::nullopt;
   for (size_t s = 0; s < recording.rig.sensors.size(); ++s)
     if (const Sensor& sensor = recording.rig.sensors[s];
-        measures_lengths(sensor) &&
-        farthest_measured(recording, static_cast<int>(s)) > kFar * lengths.cwiseAbs().maxCoeff())
+        measures_lengths(sensor) && farthest_measured(recording, static_cast<int>(s)) >
+                                        kFarOfArm * lengths.cwiseAbs().maxCoeff())
       out.where.push_back(Subject::sensor(sensor.name));
   if (out.where.empty()) return std::nullopt;
   const auto with = [&](double m) {
@@ -248,6 +248,17 @@ std::vector<OtherModel> other_models(const Recording& recording, const FitWidths
                            [](const OtherModel& m) { return !std::isfinite(m.log_odds); }),
             out.end());
   return out;
+}
+
+bool some_suit_no_size(const Recording& recording, const FitWidths& at, const VectorXd& initial) {
+  const double far = kFarOfArm * lengths_of(recording, at, initial).lpNorm<Eigen::Infinity>();
+  for (size_t s = 0; s < recording.rig.sensors.size(); ++s) {
+    const Sensor& sensor = recording.rig.sensors[s];
+    if (sensor.model->measurement_kind() == MeasurementKind::chain ||
+        (measures_lengths(sensor) && farthest_measured(recording, static_cast<int>(s)) <= far))
+      return true;
+  }
+  return false;
 }
 
 OtherModel other_gears(double gain) {

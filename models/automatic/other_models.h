@@ -53,6 +53,9 @@ struct OtherModel : Alternative {
 /// Returns all models that the data can judge. `initial` has the URDF's values. It allocates.
 std::vector<OtherModel> other_models(const Recording& recording, const FitWidths& at,
                                      const Widths& widths, const VectorXd& initial);
+/// Whether the measurements of some sensor would also suit a robot of no size: a chain's, whose
+/// hand is where the readings have it, and points at the sensor itself, as of a ball in a socket.
+bool some_suit_no_size(const Recording& recording, const FitWidths& at, const VectorXd& initial);
 /// Returns the model of other gears; `gain` is its gain of log evidence.
 OtherModel other_gears(double gain);
 /// Returns the models of a kind to report.

@@ -5,6 +5,7 @@
 
 #include "../evidence/evidence.h"
 #include "../rig/scales.h"
+#include "other_models.h"
 #include "width_problem.h"
 
 namespace kincal {
@@ -127,11 +128,7 @@ double OtherRobot::mixed(size_t k, double own) const {
 std::vector<OtherRobot> other_robots(const Recording& recording, const GroupedFit& fitted,
                                      const FitOptions& options) {
   std::vector<OtherRobot> out;
-  const std::vector<Sensor>& sensors = recording.rig.sensors;
-  if (std::any_of(sensors.begin(), sensors.end(), [](const Sensor& s) {
-        return s.model->measurement_kind() == MeasurementKind::chain;
-      }))
-    return out;
+  if (some_suit_no_size(recording, fitted.at, fitted.setup.initial)) return out;
   for (int g = 0; g < fitted.at.problem.groups; ++g) {
     std::map<Component, double> start;
     const WidthGroup& group = fitted.groups.groups[g];

@@ -7,8 +7,8 @@
 //     x_i ~ N(0, S_i^2),   S_i = max(s_i, min(usual error, |l_i|))
 // (rig/scales.h). Offsets that are zero in the URDF (S_i = s_i) are zero in the whole family, and
 // the group's factor f is learned from these alone (widths.h).
-// A rig with a chain (a sensor whose measurement is where the readings have it) is not judged: all
-// its residuals shrink with the robot, and so a robot of no size would be likely.
+// Rigs are not judged where measurements would also suit a robot of no size (other_models.h): all
+// residuals of such a sensor shrink with the robot, which so would be likely.
 //
 // Odds. With prior odds of one to a hundred and the gain of log evidence and log hyperprior, first
 // in the quadratic model, then by a fit of its own (evidence.h: with all unknowns, and noise that

@@ -89,6 +89,38 @@ bool takes_up_a_mistake(const Report& report) {
          std::any_of(report.automatic.begin(), report.automatic.end(), is_unusual);
 }
 
+/// The rig as it was found, but for parameters that somebody was mistaken about: these as given.
+Rig found_but_for(const std::set<std::string>& mistaken, const Solution& solution) {
+  const ParameterTable& table = solution.table();
+  const VectorXd& values = solution.values.shared;
+  Rig rig = solution.rig();
+  rig.nominal.clear();
+  for (const Parameter& p : table.all) {
+    if (p.hidden() || mistaken.count(p.name)) continue;
+    NominalValue found;
+    found.parameter = p.name;
+    if (p.pose) found.pose = get_pose(values, p.start);
+    found.numbers.assign(values.data() + p.start,
+                         values.data() + p.start + (p.pose ? 0 : p.size()));
+    rig.nominal.push_back(found);
+  }
+  rig = centred(std::move(rig));
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    rig.sensors[s].link_T_sensor = get_pose(values, table.all[table.sensor_pose[s]].start);
+    rig.sensors[s].pose_given = true;
+  }
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    if (rig.targets[t].link < 0) continue;
+    rig.targets[t].link_T_target = get_pose(values, table.all[table.target_pose[t]].start);
+    rig.targets[t].pose_given = true;
+  }
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    if (table.joint_offset[j] >= 0)
+      rig.joints[j].offset = values(table.all[table.joint_offset[j]].start);
+  rig.steps.resize(1);  // the mounts
+  return rig;
+}
+
 bool finds_a_mistake(const Diagnosis& diagnosis) {
   return std::any_of(diagnosis.findings.begin(), diagnosis.findings.end(),
                      [](const Notice& f) { return can_spoil_the_fit(f.kind); });
@@ -111,14 +143,18 @@ Notices mistaken_sizes(const std::set<std::string>& mistaken, const Solution& so
   return out;
 }
 
-/// Mistakes that the automatic path took up in what it freed: as if nothing but mounts and offsets
-/// were wrong.
+/// Mistakes that the automatic path took up in what it freed: first as if nothing but mounts and
+/// offsets were wrong; then with all as it was found but for numbers that somebody was mistaken
+/// about.
 void look_for_what_was_taken_up(const Rig& given, const StudyOptions& options, Report& report) {
   const Solution& solution = report.solution;
   add_diagnosis(solution.recording->with_rig(given), options, report);
+  const std::set<std::string> mistaken = mistaken_numbers(report);
+  Notices& findings = report.diagnosis->findings;
   if (!first_mistake(report))
-    for (Notice& size : mistaken_sizes(mistaken_numbers(report), solution))
-      report.diagnosis->findings.push_back(std::move(size));
+    for (Notice& size : mistaken_sizes(mistaken, solution)) findings.push_back(std::move(size));
+  if (!first_mistake(report) && !mistaken.empty() && solution.rig().steps.size() > 1)
+    add_diagnosis(solution.recording->with_rig(found_but_for(mistaken, solution)), options, report);
   if (report.diagnosis->findings.empty()) report.diagnosis.reset();
 }
 
