@@ -51,11 +51,10 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t) {
 
 namespace {
 
-constexpr size_t kMostForPairs = 200;  // hypotheses: of more, pairs take too long
-constexpr size_t kMostLooks = 4;       // hypotheses that are weighed with all samples
-constexpr size_t kMostOfOne = 2;       // of these, of one kind about one thing
-constexpr double kHopeless = 20;       // times the least chi2 so far: not worth more
-constexpr double kFarBehind = 50;      // nats of rough evidence: not worth the evidence
+constexpr size_t kMostLooks = 4;   // hypotheses that are weighed with all samples
+constexpr size_t kMostOfOne = 2;   // of these, of one kind about one thing
+constexpr double kHopeless = 20;   // times the least chi2 so far: not worth more
+constexpr double kFarBehind = 50;  // nats of rough evidence: not worth the evidence
 
 /// A hypothesis of the list, and its evidence: rough, at the first look, or its log odds.
 struct Look {
@@ -327,7 +326,6 @@ std::vector<AcceptedHypothesis> first_looks(const Recording& recording, const Tr
   };
   all.erase(std::remove_if(all.begin(), all.end(), frees), all.end());
   std::vector<AcceptedHypothesis> out;
-  if (all.size() > kMostForPairs) return out;
   for (const Look& look : shortlist(recording, context, now, all, 0, all.size())) {
     const Hypothesis& h = all[look.index];
     Trial t = try_hypothesis(recording, context, h, {20, 1e-3});
