@@ -360,7 +360,7 @@ KINCAL_API void kincal_monitor_free(kincal_monitor* monitor);
 KINCAL_API const char* kincal_monitor_name(const kincal_monitor* monitor, int32_t kind,
                                            size_t index);
 
-/* Makes what samples of this form need (the same views of the same points), so that already the
+/* Prepares for samples of this form (the same views of the same points), so that already the
  * first of them allocates nothing. This sample does not count. [one] */
 KINCAL_API kincal_status kincal_monitor_prepare(kincal_monitor* monitor, const kincal_sample* like,
                                                 kincal_error* error);

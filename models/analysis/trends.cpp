@@ -134,9 +134,9 @@ double log_determinant(const MatrixXd& scatter) {
   return out;
 }
 
-/// How far neighbours agree in what a regression leaves.
+/// How far neighbours agree in the residuals of a regression.
 struct Neighbours {
-  double clear = 0;  // standard deviations beyond what is expected
+  double clear = 0;  // standard deviations beyond the expected value
   double share = 0;  // of the scatter that is left
 };
 

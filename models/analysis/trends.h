@@ -16,13 +16,13 @@
 //     chi2 = -(n - 1 - (p + k + 1) / 2) ln lambda
 // has p k degrees of freedom (Bartlett 1938), for any size of the errors.
 //
-// A curve over a joint's angle may have many cycles in a turn. With what the regression leaves of a
+// A curve over a joint's angle may have many cycles in a turn. With the regression's residuals of a
 // joint's errors, y = M d, in the order of its readings,
 //     r = y'S y / y'y,   S half on both neighbouring diagonals,   A = M S M,   m = n - rank,
 // is how far neighbours agree. Of independent normal errors its mean is tr A / m and its variance
-// 2 (tr A^2 - (tr A)^2 / m) / (m (m + 2)), for r does not depend on y'y. Where neighbours agree
-// more, the square of what is beyond the mean, in standard deviations, is added to chi2, with a
-// degree of freedom. That part of what the regression leaves is a curve.
+// 2 (tr A^2 - (tr A)^2 / m) / (m (m + 2)), as r does not depend on y'y. Where neighbours agree
+// more, the square of the excess over the mean, in standard deviations, is added to chi2, with a
+// degree of freedom. That part of the residuals is a curve.
 //
 // A trend is one that occurs by chance in one of 30,000 joints (4 standard deviations) and is a
 // good part of the scatter.

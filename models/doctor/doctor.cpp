@@ -138,7 +138,7 @@ struct State {
            log_prior(false, 1) * static_cast<double>(findings.size());
   }
   double log() const { return log_evidence(*recording, context, context.all, now) + log_besides(); }
-  /// What the findings are about.
+  /// The subjects of the findings.
   Subjects about() const {
     Subjects out;
     for (const Notice& f : findings) out.insert(out.end(), f.where.begin(), f.where.end());
@@ -188,8 +188,8 @@ bool explain(State& state) {
   return true;
 }
 
-/// What is likeliest with two mistakes undone: each of the first looks, and what is found on top of
-/// it; without findings where no pair is likelier than the data as they are.
+/// The likeliest state with two mistakes undone: one of the first looks, and the mistake found on
+/// top of it; without findings where no pair is likelier than the data as they are.
 State explain_two(const State& as_given) {
   State best = as_given;
   double most = as_given.log() + kFound;

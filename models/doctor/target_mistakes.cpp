@@ -286,7 +286,7 @@ void add_widths(const Rig& rig, const std::vector<Sample>& samples,
 
 void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples,
                          const ObservationIndex& observations, std::vector<Hypothesis>& out) {
-  std::map<int, std::map<int, Eigen::Matrix3Xd>> all;  // by what the ids are too large, and target
+  std::map<int, std::map<int, Eigen::Matrix3Xd>> all;  // by the shift of the ids, and target
   for (int t : observations.targets) {
     const Target& target = rig.targets[t];
     const GridShape shape = shape_of(target);

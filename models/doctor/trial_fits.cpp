@@ -304,7 +304,7 @@ TrialFit trial_fit(const Recording& recording, const TrialContext& context,
     way.solver.threads = context.threads;
     way.solver.max_iterations = options.iterations;
     way.solver.relative_decrease = options.relative_decrease;
-    if (!last)  // what a spec before the last finds is where the next starts
+    if (!last)  // the next spec starts from this result
       way.solver.relative_decrease = std::max(way.solver.relative_decrease, 1e-3);
     way.solver.second_derivatives = false;  // what explains the data has small residuals
     bool gave_up = false;

@@ -1,4 +1,4 @@
-// What a monitor takes, by the sizes of its calibration. With n columns, s starts of a change and
+// Memory of a monitor, by the sizes of its calibration. With n columns, s starts of a change and
 // rows of at most n + 1 numbers it is near (3/2 s + 11) n^2 numbers: each start keeps a covariance
 // and half of a sum of J'J. The formulas below follow the constructors, array by array.
 #include <algorithm>
@@ -14,7 +14,7 @@ namespace {
 
 constexpr size_t kBytesOfNumber = sizeof(double);
 
-constexpr size_t kBlock = 16;  // what an allocation takes beside what was asked for
+constexpr size_t kBlock = 16;  // bytes of an allocation beyond those asked for
 
 size_t triangle(size_t n) { return n * (n + 1) / 2; }
 
@@ -78,7 +78,7 @@ size_t monitor_memory(const CalibratedState& state) {
   const size_t n = all.columns.size();
   const size_t sum = DriftWatch::memory(static_cast<int>(n), groups, static_cast<int>(n) + 1) +
                      kBytesOfNumber * (2 * n * n + 2 * n) +  // known, and an outlier that waits
-                     n * (sizeof(Component) + 2 * sizeof(Freed)) +  // columns and what is free
+                     n * (sizeof(Component) + 2 * sizeof(Freed)) +  // columns and freed components
                      names + memory_of(state.rig, table);
   return sum + sum / 100;  // blocks are rounded
 }

@@ -103,7 +103,7 @@ class Monitor {
   Monitor(Monitor&&) noexcept;
   Monitor& operator=(Monitor&&) noexcept;
 
-  /// Makes what samples of this form (the same views of the same points) need, so that the first of
+  /// Prepares for samples of this form (the same views of the same points), so that the first of
   /// them allocates nothing. This one does not count. @throws as add()
   void prepare(const Sample& like);
   /// Adds a sample of the rig. If it throws, the monitor is unchanged.

@@ -16,7 +16,7 @@ namespace kincal {
 std::vector<std::pair<std::string, std::vector<Component>>> moving_groups(
     const Rig& rig, const ParameterTable& table, const std::vector<Component>& estimated);
 
-/// Followed is what a monitor estimates: all that was estimated or may move, poses as a whole.
+/// Followed are the unknowns of a monitor: all that was estimated or may move, poses as a whole.
 struct Followed {
   std::vector<std::pair<std::string, std::vector<Component>>> groups;  // moving_groups()
   std::vector<Freed> free;

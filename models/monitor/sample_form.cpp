@@ -123,7 +123,7 @@ void SampleForm::propose(const Pose& pose) {
     proposed_.push_back({cost.doubled, pose});
 }
 
-/// Proposes what a view proposes.
+/// Adds the poses that a view proposes.
 void SampleForm::propose_by(size_t view) {
   const Sample& sample = samples_->front();
   const View& v = sample.views[view];

@@ -51,7 +51,7 @@ class SampleForm {
   std::vector<int> targets_;                                // free ones
   std::vector<Path> to_sensors_;                            // from the base, by view
   std::vector<std::optional<RepeatedViewPoses>> by_views_;  // of free targets, where one is seen
-  std::vector<std::pair<double, Pose>> proposed_;           // poses of a target and what they cost
+  std::vector<std::pair<double, Pose>> proposed_;           // poses of a target and their costs
   bool scans_ = false;
   Values values_;
   VectorXd start_, state_, trial_, best_;

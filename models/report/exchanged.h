@@ -11,7 +11,7 @@
 
 namespace kincal {
 
-/// Returns what a calibration that explains its data found otherwise than the rig has it, the first
+/// Returns the contradictions between the rig and a calibration that explains its data, the first
 /// of these that there is:
 /// - pairs of cameras (`swapped-cameras`) and of mounted targets of one type and size
 ///   (`exchanged-targets`) with given places of which each was found where the other was given:

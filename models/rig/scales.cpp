@@ -48,7 +48,7 @@ using K = ParameterKind;
 //   % off is another gear or encoder.
 // backlash: gears of arms have an arc minute or two, worn ones and hobby servos ten times that.
 // temperature: measured arms move by some urad/K a joint. ripple: gears of measured arms have 0.02
-//   to 0.3 mrad. coupling: belts and bevels through a wrist are stated; what is not is some
+//   to 0.3 mrad. coupling: belts and bevels through a wrist are stated; the rest is some
 //   percent.
 // joint_origin: links are machined; 2.5 times their width is a number mistyped in the URDF.
 // compliance: drives of arms yield by some urad/Nm. load: links weigh some kilograms, and reach
