@@ -42,7 +42,8 @@ size_t memory_of(const Rig& rig, const ParameterTable& table) {
 size_t DriftWatch::memory(int columns, const std::vector<int>& groups, int most_rows) {
   const auto n = static_cast<size_t>(columns), m = static_cast<size_t>(most_rows);
   const auto stride = [](size_t count) {
-    return static_cast<size_t>(padded(static_cast<int>(count)) + kSlack);
+    const int numbers = padded(static_cast<int>(count)) + kSlack;
+    return static_cast<size_t>(numbers);
   };
   const size_t of_start = n * n + 2 * n + triangle(n);
   size_t numbers = kStarts * of_start;
