@@ -360,27 +360,30 @@ struct UnknownFactor {
   double now = 0;
 };
 
-/// A factor for each kind without a stated value; with `stated_factor` one of all others, too.
-std::vector<UnknownFactor> unknown_factors(const NoiseKinds& kinds,
-                                           std::optional<double> stated_factor) {
+/// A factor for each kind without a stated value, and for stated ones that may be wrong.
+std::vector<UnknownFactor> unknown_factors(const NoiseKinds& kinds, const Rig& rig,
+                                           const DoubtedNoise& doubted) {
   std::vector<UnknownFactor> out;
-  UnknownFactor stated{{}, std::log(stated_factor.value_or(1))};
+  UnknownFactor all_stated{{}, std::log(doubted.factor.value_or(1))};
   for (int g = 0; !kinds.is_priors(g); ++g) {
     const NoiseLevel& level = kinds.levels[g];
-    if (level.rows == 0) continue;
     if (level.guess > 0)
       out.push_back({{g}, std::log(level.assumed / level.guess)});
-    else if (!kinds.sums[g].mixed)
-      stated.kinds.push_back(g);
+    else if (kinds.sums[g].mixed)
+      continue;
+    else if (doubted.stated)
+      out.push_back({{g}, std::log(first_sigma(rig, level) / first_sigma(*doubted.stated, level))});
+    else
+      all_stated.kinds.push_back(g);
   }
-  if (stated_factor && !stated.kinds.empty()) out.push_back(std::move(stated));
+  if (doubted.factor && !all_stated.kinds.empty()) out.push_back(std::move(all_stated));
   return out;
 }
 
 /// Levels whose guesses may be off alike.
 bool are_alike(const NoiseLevel& a, const NoiseLevel& b) {
-  return a.joint >= 0 && b.joint >= 0 && a.unit == b.unit && a.part == b.part && a.guess > 0 &&
-         b.guess > 0;
+  return a.joint >= 0 && b.joint >= 0 && a.unit == b.unit && a.part == b.part &&
+         (a.guess > 0) == (b.guess > 0);
 }
 
 /// Covariance of the guesses' errors, of their logarithms.
@@ -453,7 +456,8 @@ NoiseKinds kinds_in(const Estimation& problem, const Rig& rig,
 
 std::vector<NoiseLevel> levels_of(const Estimation& problem, const VectorXd& state,
                                   const MatrixXd& covariance, NoiseKinds kinds,
-                                  std::optional<double> stated_factor, const Progress& progress) {
+                                  const std::vector<UnknownFactor>& unknown,
+                                  const Progress& progress) {
   const RowsLeft left = find_rows_left(problem, state, covariance, kinds, progress);
   const Factors factors = find_factors(kinds, left);
   std::vector<NoiseLevel> out;
@@ -466,7 +470,7 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const VectorXd& sta
     level.seen =
         std::isfinite(factors.uncertainty(g)) ? level.assumed * std::sqrt(factors.factor(g)) : kNan;
   }
-  estimate_factors(kinds, left, unknown_factors(kinds, stated_factor));
+  estimate_factors(kinds, left, unknown);
   for (const NoiseLevel& level : kinds.levels)
     if (level.rows > 0) out.push_back(level);
   return out;
@@ -475,10 +479,15 @@ std::vector<NoiseLevel> levels_of(const Estimation& problem, const VectorXd& sta
 }  // namespace
 
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
-                                     const MatrixXd& covariance,
-                                     std::optional<double> stated_factor) {
-  return levels_of(problem, state, covariance, kinds_in(problem, rig, problem.residuals(state)),
-                   stated_factor, {});
+                                     const MatrixXd& covariance, const DoubtedNoise& doubted) {
+  NoiseKinds kinds = kinds_in(problem, rig, problem.residuals(state));
+  const std::vector<UnknownFactor> unknown = unknown_factors(kinds, rig, doubted);
+  return levels_of(problem, state, covariance, std::move(kinds), unknown, {});
+}
+
+double first_sigma(const Rig& rig, const NoiseLevel& level) {
+  return level.joint >= 0 ? rig.joints[level.joint].sigma
+                          : rig.sensors[level.sensor].sigma[level.first];
 }
 
 std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& rig,
@@ -506,8 +515,11 @@ std::vector<double> robust_joint_ratios(const Estimation& problem, const Rig& ri
 
 NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResiduals>& views,
                          const Progress& progress) {
-  return {levels_of(at.problem(), at.state(), at.observability().covariance,
-                    kinds_in(at.problem(), at.solution.rig(), views), std::nullopt, progress)};
+  const Rig& rig = at.solution.rig();
+  NoiseKinds kinds = kinds_in(at.problem(), rig, views);
+  const std::vector<UnknownFactor> unknown = unknown_factors(kinds, rig, {});
+  return {levels_of(at.problem(), at.state(), at.observability().covariance, std::move(kinds),
+                    unknown, progress)};
 }
 NoiseLevels noise_levels(const Linearisation& at) {
   return noise_levels(at, at.problem().residuals(at.state()));

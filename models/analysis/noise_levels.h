@@ -28,8 +28,9 @@
 // its rows, or with an uncertainty above a half, cannot be estimated: it is fixed at f = 1 while
 // the others are estimated. (The most uncertain one first, then the rest again.)
 //
-// Noise without a stated sigma is estimated with a prior. Data that determine it poorly leave it
-// near the guess; a joint whose noise is not determined gets that of the others.
+// Noise without a stated sigma is estimated with a prior, and so is stated noise that may be wrong,
+// with the stated sigma as guess. Data that determine it poorly leave it near the guess; a joint
+// whose noise is not determined gets that of the others.
 // With u_g = ln(sigma_g / guess_g), at the present sigmas (f = 1) the restricted likelihood has
 //     d L / d u_g = q_g - redundancy_g,   information 2 S_gj;
 // the prior is u ~ N(0, K), K = ln(4)^2 [g, j of one kind] + ln(2)^2 [g = j]: the guess may be ten
@@ -85,6 +86,12 @@ struct NoiseLevel {
   bool differs() const;
 };
 
+/// Stated sigmas that may be wrong.
+struct DoubtedNoise {
+  std::optional<double> factor;  // one of all, now; none: they have none
+  const Rig* stated = nullptr;   // with sigmas of which each has a factor of its own; null: none
+};
+
 /// NoiseLevels are those of a solution's sensors and joints.
 struct NoiseLevels : std::vector<NoiseLevel> {
   /// Returns one line for each level that differs from the assumed one.
@@ -98,11 +105,12 @@ NoiseLevels noise_levels(const Linearisation& at, const std::vector<ViewResidual
 /// Returns the noise levels at a solution, with the problem prepared there (Problem::prepare) and
 /// covariances as last renewed. `covariance` is that of the shared unknowns at the solution
 /// (observe()). In modes marginal and point only sensors without noisy joints can be estimated.
-/// With `stated_factor` all stated sigmas have one unknown factor, which is this now: a step of
-/// scoring moves them together, with the noise that is not stated.
+/// Stated sigmas that may be wrong are estimated by scoring, as those that are not stated.
 std::vector<NoiseLevel> noise_levels(Estimation& problem, const Rig& rig, const VectorXd& state,
-                                     const MatrixXd& covariance,
-                                     std::optional<double> stated_factor = std::nullopt);
+                                     const MatrixXd& covariance, const DoubtedNoise& doubted = {});
+
+/// Returns the sigma of a level in a rig; of a part of a sensor, its first.
+double first_sigma(const Rig& rig, const NoiseLevel& level);
 
 /// Returns, for each joint, the ratio of the noise of its readings to the noise that the rig
 /// states; 1 if there are too few samples. The fit is in mode latent and may contain gross

@@ -284,8 +284,8 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     if (!settled) continue;  // (what is far off would be taken for noise)
     fit_options.solver.max_iterations = kFitIterations;
     NoisyRecording next{out.recording, {}};
-    if (scaled) next.factor = out.noise_factor;
-    if (options.noise_is == StatedNoise::wrong) next.stated = &given.rig;
+    if (scaled) next.doubted.factor = out.noise_factor;
+    if (options.noise_is == StatedNoise::wrong) next.doubted.stated = &given.rig;
     const double moved = move_noise(data, out.problem, factor, steps, next);
     out.at_rest = moved < kNoiseAtRest;
     const bool ends = moved == 0 || (out.at_rest && out.outcome != Outcome::not_converged);
@@ -296,7 +296,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
       return out;
     }
     out.recording = std::move(next.recording);
-    out.noise_factor = next.factor.value_or(1);
+    out.noise_factor = next.doubted.factor.value_or(1);
   }
 }
 

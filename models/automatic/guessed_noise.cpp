@@ -35,11 +35,6 @@ std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, 
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
-double first_sigma(const Rig& rig, const NoiseLevel& level) {
-  return level.joint >= 0 ? rig.joints[level.joint].sigma
-                          : rig.sensors[level.sensor].sigma[level.first];
-}
-
 FixedPoint noise_steps() {
   constexpr int kMemory =
       3;  // slow directions at once: levels of joints that hide behind each other
@@ -50,7 +45,7 @@ FixedPoint noise_steps() {
 double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
                   FixedPoint& steps, NoisyRecording& noisy) {
   const Rig& rig = noisy.recording->rig;
-  if (!noisy.factor && !noisy.stated &&
+  if (!noisy.doubted.factor && !noisy.doubted.stated &&
       std::all_of(rig.joints.begin(), rig.joints.end(),
                   [](const JointSettings& j) { return j.noise_guess == 0; }) &&
       std::all_of(rig.sensors.begin(), rig.sensors.end(),
@@ -59,7 +54,7 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
   const Posterior known = posterior(problem, factor, true);
   if (!known.defined) return 0;
   std::vector<NoiseLevel> levels =
-      noise_levels(*data.problem, rig, data.state, known.covariance, noisy.factor);
+      noise_levels(*data.problem, rig, data.state, known.covariance, noisy.doubted);
   const auto count = static_cast<Eigen::Index>(levels.size());
   // Logarithms, last that of the factor.
   VectorXd now = VectorXd::Zero(count + 1), seen = now;
@@ -70,11 +65,12 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
     if (levels[i].guess > 0) {
       now(i) = std::log(levels[i].assumed);
       seen(i) = now(i) + moved;
-    } else if (noisy.stated) {
-      now(i) = std::log(first_sigma(rig, levels[i]) / first_sigma(*noisy.stated, levels[i]));
+    } else if (noisy.doubted.stated) {
+      now(i) =
+          std::log(first_sigma(rig, levels[i]) / first_sigma(*noisy.doubted.stated, levels[i]));
       seen(i) = std::clamp(now(i) + moved, -most, most);
-    } else if (noisy.factor) {
-      now(count) = std::log(*noisy.factor);
+    } else if (noisy.doubted.factor) {
+      now(count) = std::log(*noisy.doubted.factor);
       seen(count) = std::clamp(now(count) + moved, -most, 0.0);
     }
   }
@@ -82,10 +78,10 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
   if (moved == 0) return 0;
   const VectorXd next = steps.next(now, seen);
   const double times = std::exp(next(count) - now(count));
-  if (noisy.factor) *noisy.factor *= times;
+  if (noisy.doubted.factor) *noisy.doubted.factor *= times;
   for (Eigen::Index i = 0; i < count; ++i) {
     NoiseLevel& level = levels[i];
-    const double by = level.guess > 0 || noisy.stated ? std::exp(next(i) - now(i)) : times;
+    const double by = level.guess > 0 || noisy.doubted.stated ? std::exp(next(i) - now(i)) : times;
     level.seen = by == 1 ? kNan : level.assumed * by;
   }
   noisy.recording = make_recording(scale_noise(*noisy.recording, levels));
@@ -99,7 +95,8 @@ std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,
   const Posterior known = posterior(problem, factor, true);
   if (!known.defined) return recording;
   std::vector<NoiseLevel> levels =
-      noise_levels(*data.problem, recording->rig, data.state, known.covariance);
+      noise_levels(*data.problem, recording->rig, data.state, known.covariance,
+                   DoubtedNoise{{}, &recording->rig});
   bool larger = false;
   for (NoiseLevel& level : levels) {
     if (level.guess > 0 || !(level.seen > level.assumed)) level.seen = kNan;

@@ -16,17 +16,13 @@ namespace kincal {
 /// guessed where nobody states that, or where they are stated exact, which no reading is.
 std::shared_ptr<const Recording> with_guessed_noise(const Recording& recording, NoiseMode mode);
 
-/// Returns the sigma of a level in a rig; of a part of a sensor, its first.
-double first_sigma(const Rig& rig, const NoiseLevel& level);
-
 /// Returns what a calibration accelerates its steps of the noise with.
 FixedPoint noise_steps();
 
 /// A recording whose noise is estimated.
 struct NoisyRecording {
   std::shared_ptr<const Recording> recording;
-  std::optional<double> factor;  // of all stated sigmas, applied in it; none: they have none
-  const Rig* stated = nullptr;  // with sigmas of which each has a factor of its own; null: none has
+  DoubtedNoise doubted;  // its factor is applied in the recording
 };
 
 /// Moves noise that is not stated, and the factors, towards what the data show, at a fit with these

@@ -178,8 +178,9 @@ TEST_CASE("noise levels: one factor of all stated sigmas ends where chi2 is the 
   for (int round = 0; round < 40 && std::abs(by - 1) > 1e-6; ++round) {
     Setting now = scaled(s, first, factor);
     const VectorXd at = solved(now);
-    const std::vector<NoiseLevel> levels = noise_levels(
-        *now.problem, now.rig, at, observe(*now.problem, at).covariance, factor / stated);
+    const std::vector<NoiseLevel> levels =
+        noise_levels(*now.problem, now.rig, at, observe(*now.problem, at).covariance,
+                     DoubtedNoise{factor / stated, nullptr});
     by = levels[0].seen / levels[0].assumed;
     for (const NoiseLevel& level : levels) CHECK(level.seen == Approx(by * level.assumed));
     factor *= by;
@@ -201,6 +202,30 @@ TEST_CASE("noise levels: one factor of all stated sigmas ends where chi2 is the 
   }
   // The prior of a guess (a factor of four) draws by less than a hundredth of that.
   CHECK(squares / redundancy == Approx(1).epsilon(0.01));
+}
+
+TEST_CASE("noise levels: stated sigmas that may be wrong are estimated as guesses are") {
+  // Few samples: joints have small redundancies, which Helmert's equations leave aside.
+  Setting s = nasty_in(NoiseMode::latent, Loss(), 4, 6, 0.002);
+  const VectorXd state = solved(s);
+  const MatrixXd covariance = observe(*s.problem, state).covariance;
+  const Rig stated = s.rig;
+  const std::vector<NoiseLevel> doubted =
+      noise_levels(*s.problem, s.rig, state, covariance, DoubtedNoise{{}, &stated});
+  Rig guessed = stated;
+  for (Sensor& sensor : guessed.sensors) sensor.noise_guess = sensor.sigma;
+  for (JointSettings& joint : guessed.joints) joint.noise_guess = joint.sigma;
+  const std::vector<NoiseLevel> levels = noise_levels(*s.problem, guessed, state, covariance);
+  REQUIRE(levels.size() == doubted.size());
+  int small = 0;
+  for (size_t l = 0; l < levels.size(); ++l) {
+    INFO(levels[l].of << " " << levels[l].part);
+    CHECK(doubted[l].guess == 0);
+    CHECK(doubted[l].seen == Approx(levels[l].seen));  // finite: not NaN
+    CHECK(doubted[l].uncertainty == Approx(levels[l].uncertainty));
+    small += doubted[l].redundancy < 5;
+  }
+  CHECK(small >= 3);
 }
 
 TEST_CASE("noise levels: the minimum is the same whatever all sigmas are, and known as one") {
