@@ -19,7 +19,8 @@ Judged are 50 fresh postures, drawn as those of the samples were, at readings wi
   points: each target's points in the frame of the sensor that sees it; of a free board where the chain has it, in the camera's frame
   frames: the origin of each sensor's and each mounted target's frame, in the base
 Error: rms of estimate minus truth. Predicted: root of the mean trace of J C J', with J from differences of the model here and C from
-covariance.csv. Errors below a micrometre count as none. Robots that end with another exit code than 0 (5: their model does not
+covariance.csv. "As drawn" is predicted / actual of errors that are drawn from C: where one direction decides, its median is 1.5 (1 / 0.674), not 1.
+Errors below a micrometre count as none. Robots that end with another exit code than 0 (5: their model does not
 explain the data) are counted and not judged.
 """
 import argparse
@@ -48,6 +49,7 @@ ABOUT = {"hand": "camera in the hand, board on the wall", "room": "camera in the
          "head": "camera on pan and tilt, boards in two grippers", "tracker": "tracker, reflector on the flange",
          "both": "camera in the hand and tracker", "free": "free board in the hand: chain and camera"}
 FRESH = 50          # postures to judge
+DRAWS = 20          # errors drawn from the predicted covariance
 NONE = 1e-6         # m; smaller errors count as none
 COMPONENTS = ["x", "y", "z", "rx", "ry", "rz"]
 
@@ -738,7 +740,7 @@ def rms(values):
 
 
 def judge(case, folder):
-    """Quantity -> (error, predicted), and how far the result's URDF is from what its result.json says."""
+    """Quantity -> (error, predicted); quantity -> predicted / actual of drawn errors; how far the result's URDF is from what its result.json says."""
     readings = {n: r[case.samples:] for n, r in case.readings.items()}
     seen = {p: s[case.samples:] for p, s in case.seen.items()}
     estimate = read_model(folder, case.nominal)
@@ -756,16 +758,21 @@ def judge(case, folder):
             plus, minus = (quantities(e, readings, seen) for e in ends)
             for q in at:
                 derivatives[q][:, column] = np.ravel(plus[q] - minus[q]) / (2 * step)
-    judged = {}
+    judged, drawn, rng = {}, {}, np.random.default_rng(case.samples)
+    variances, directions = np.linalg.eigh(covariance)
+    root = directions * np.sqrt(np.maximum(variances, 0))
     for q, j in derivatives.items():
         judged[q] = (rms(at[q] - true[q]), math.sqrt(max(0.0, np.sum((j @ covariance) * j) / len(at[q]))))
+        sizes = np.linalg.svd(j @ root, compute_uv=False) ** 2 / len(at[q])
+        errors = np.sqrt(rng.normal(size=(DRAWS, len(sizes))) ** 2 @ sizes)
+        drawn[q] = list(judged[q][1] / np.maximum(errors, 1e-12))
     differs = 0.0
     for name, joint in case.nominal.joints.items():
         origin = joint.origin @ exp(value(result, "joint/%s/origin" % name, 6))
         if joint.type not in ("fixed", "floating"):
             origin = origin @ joint_motion(joint, value(result, "joint/%s/offset" % name)[0])
         differs = max(differs, abs(origin - estimate.joints[name].origin).max())
-    return judged, differs
+    return judged, drawn, differs
 
 
 def measure(task):
@@ -797,7 +804,7 @@ def measure(task):
             outcome["warnings"] = [w["id"] for w in result["warnings"]]
             outcome["further"] = further(result)
             if not outcome["further"]:
-                outcome["judged"], outcome["differs"] = judge(case, out)
+                outcome["judged"], outcome["drawn"], outcome["differs"] = judge(case, out)
         return outcome
     finally:
         if not options.keep:
@@ -819,7 +826,8 @@ def row(title, outcomes, what):
     judged = [o for o in outcomes if o["exit"] == 0 and o["judged"]]
     counts = ["%d + %d" % tuple(sum(beyond(o, what, k) and bool(o["warnings"]) == warned for o in judged) for warned in (False, True)) for k in (3, 5)]
     pairs = [v for o in judged for q, v in o["judged"].items() if q.startswith(what) and v[0] > NONE]
-    print("%-8s %-7s %6d  %9s  %9s  %-28s %9s  %9s" % (title, what, len(judged), *counts, shares([p / e for e, p in pairs]),
+    drawn = [ratio for o in judged for q, v in o["judged"].items() if q.startswith(what) and v[0] > NONE for ratio in o["drawn"][q]]
+    print("%-8s %-7s %6d  %9s  %9s  %-28s %-24s %9s  %9s" % (title, what, len(judged), *counts, shares([p / e for e, p in pairs]), shares(drawn),
           *("%.3f" % (1000 * np.median([v[i] for v in pairs])) if pairs else "-" for i in (0, 1))))
 
 
@@ -834,7 +842,7 @@ def tell(outcomes, proof):
             warned = sum(o["exit"] == 0 and bool(o["warnings"]) for o in group)
             print("%-8s %6d  %-42s %12.2f %12.2f  %d" % (kind, len(group), ", ".join("%d: %d" % c for c in codes.items()), np.mean(seconds), max(seconds), warned))
     print("\nRobots with an error beyond 3 and 5 times the predicted (without + with a warning); predicted / actual and medians over all errors")
-    print("%-8s %-7s %6s  %9s  %9s  %-28s %9s  %9s" % ("kind", "what", "judged", "beyond 3", "beyond 5", "predicted / actual (5, 95 %)", "error, mm", "predicted"))
+    print("%-8s %-7s %6s  %9s  %9s  %-28s %-24s %9s  %9s" % ("kind", "what", "judged", "beyond 3", "beyond 5", "predicted / actual (5, 95 %)", "as drawn", "error, mm", "predicted"))
     for what in ("points", "frames"):
         for kind, group in groups:
             if group:

@@ -50,10 +50,6 @@ EstimationSetup with_widths(EstimationSetup setup, const FitWidths& of, const Ve
   return setup;
 }
 
-double log_hyperprior(const VectorXd& factor) {
-  return -0.5 * factor.array().log().square().sum() / (kWidthSpread * kWidthSpread);
-}
-
 /// m: by how far a fit's values are from another's, by unknown.
 VectorXd moved(const ParameterTable& table, const FitWidths& of, const VectorXd& initial,
                const VectorXd& from, const VectorXd& to) {
@@ -75,9 +71,9 @@ OtherRobot other_robot(const Recording& recording, const GroupedFit& fitted, int
   factor << fitted.widths.factor, 1;
   factor(group) = 1;  // these lengths may have widened it
   Widths widths = learn_widths(other.problem, factor, kRobotRounds);
-  const double hyperprior = log_hyperprior(fitted.widths.factor);
+  const double hyperprior = log_hyperprior(fitted.at.problem, fitted.widths.factor);
   const auto gains = [&](double gain) {
-    gain += log_hyperprior(widths.factor) - hyperprior;
+    gain += log_hyperprior(other.problem, widths.factor) - hyperprior;
     const double odds = kOtherRobot * std::expm1(std::min(gain, 100.0));
     out.probability = odds > 0 ? odds / (1 + odds) : 0;
     return odds > 0;

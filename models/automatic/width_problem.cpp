@@ -73,8 +73,20 @@ FitWidths width_problem(const Recording& recording, const DataProblem& at,
                    VectorXd::Zero(n),
                    std::vector<int>(columns.size(), -1),
                    static_cast<int>(groups.groups.size()),
+                   {},
                    {}};
-  for (const WidthGroup& group : groups.groups) out.known.push_back(group.width_known);
+  std::map<std::pair<ParameterKind, std::string>, int> kinds;
+  for (const WidthGroup& group : groups.groups) {
+    out.known.push_back(group.width_known);
+    const std::vector<Member>& some = group.members.empty() ? group.unseen : group.members;
+    out.alike.push_back(-1);
+    if (some.empty()) continue;
+    const Component& c = some.front().component;
+    const auto next = static_cast<int>(kinds.size());
+    out.alike.back() =
+        kinds.insert({{recording.table.all[c.parameter].kind, recording.table.unit(c)}, next})
+            .first->second;
+  }
   const auto members = starting_widths(groups);
   for (size_t i = 0; i < columns.size(); ++i) {
     const auto found = members.find(columns[i]);

@@ -106,7 +106,39 @@ WidthProblem without_open(const WidthProblem& p) {
   for (const int i : kept) out.group.push_back(p.group[i]);
   out.groups = p.groups;
   out.known = p.known;
+  out.alike = p.alike;
   return out;
+}
+
+/// K^-1, by group.
+MatrixXd hyperprior_precision(const WidthProblem& p) {
+  const auto kind = [&](int k) {
+    return k < static_cast<int>(p.alike.size()) && p.learns(k) ? p.alike[k] : -1;
+  };
+  MatrixXd out = MatrixXd::Zero(p.groups, p.groups);
+  for (int k = 0; k < p.groups; ++k) {
+    std::vector<int> alike;
+    for (int j = 0; j < p.groups; ++j)
+      if (j == k || (kind(k) >= 0 && kind(j) == kind(k))) alike.push_back(j);
+    // K is (ln 3)^2 / 2 (1 + 11') among them.
+    for (const int j : alike)
+      out(k, j) = 2 / (kWidthSpread * kWidthSpread) *
+                  ((j == k ? 1 : 0) - 1 / (1 + static_cast<double>(alike.size())));
+  }
+  return out;
+}
+
+/// By group: the sum of x_i^2 / t_i^2.
+VectorXd squares_of(const WidthProblem& p, const VectorXd& value, const VectorXd& precision) {
+  VectorXd out = VectorXd::Zero(p.groups);
+  for (Eigen::Index i = 0; i < precision.size(); ++i)
+    if (p.group[i] >= 0) out(p.group[i]) += value(i) * value(i) * precision(i);
+  return out;
+}
+
+/// A, by group.
+VectorXd curvature(const VectorXd& squares, const VectorXd& gamma) {
+  return 2 * squares.cwiseMax(gamma);
 }
 
 }  // namespace
@@ -135,29 +167,25 @@ Widths learn_widths(const WidthProblem& p, VectorXd factor, int rounds) {
   Widths out;
   out.gamma.setZero(p.groups);
   const WidthProblem members = without_open(p);
+  const MatrixXd hyperprior = hyperprior_precision(p);
   for (;; ++out.rounds) {
     out.factor = factor;
     const Posterior at = posterior(members, factor, false);
     if (!at.defined) return out;
     const VectorXd prior = precision(members, factor);
-    VectorXd squares = VectorXd::Zero(p.groups);
+    const VectorXd squares = squares_of(members, at.value, prior);
     out.gamma.setZero();
-    for (Eigen::Index i = 0; i < prior.size(); ++i) {
-      const int k = members.group[i];
-      if (k < 0) continue;
-      squares(k) += at.value(i) * at.value(i) * prior(i);
-      out.gamma(k) += 1 - at.variance(i) * prior(i);
-    }
-    double largest = 0;
-    for (int k = 0; k < p.groups; ++k) {
-      if (!p.learns(k)) continue;
-      const double u = std::log(factor(k)), h = 1 / (kWidthSpread * kWidthSpread);
-      const double slope = squares(k) - out.gamma(k) - u * h;
-      const double step = std::clamp(slope / (2 * std::max(squares(k), out.gamma(k)) + h),
-                                     -kLargestStep, kLargestStep);
-      factor(k) *= std::exp(step);
-      largest = std::max(largest, std::abs(step));
-    }
+    for (Eigen::Index i = 0; i < prior.size(); ++i)
+      if (members.group[i] >= 0) out.gamma(members.group[i]) += 1 - at.variance(i) * prior(i);
+    VectorXd slope = squares - out.gamma - hyperprior * factor.array().log().matrix();
+    for (int k = 0; k < p.groups; ++k)
+      if (!p.learns(k)) slope(k) = 0;  // (which is alike with none)
+    MatrixXd h = hyperprior;
+    h.diagonal() += curvature(squares, out.gamma);
+    const VectorXd step =
+        VectorXd(solve_symmetric(h, slope)).cwiseMax(-kLargestStep).cwiseMin(kLargestStep);
+    factor = factor.cwiseProduct(step.array().exp().matrix());
+    const double largest = p.groups > 0 ? step.cwiseAbs().maxCoeff() : 0;
     if (largest < kSmallestStep || out.rounds >= rounds) break;
   }
   out.posterior = posterior(p, out.factor, true);
@@ -179,6 +207,34 @@ double log_evidence(const WidthProblem& p, const VectorXd& factor) {
   }
   return 0.5 * (log_priors + at.log_determinant - from_priors - step.dot(p.normal * step)) -
          p.gradient.dot(step);
+}
+
+double log_hyperprior(const WidthProblem& p, const VectorXd& factor) {
+  const VectorXd u = factor.array().log();
+  return -0.5 * u.dot(hyperprior_precision(p) * u);
+}
+
+/// The hyperprior of each group's u, given the evidence of the others: normal.
+struct ByOthers {
+  VectorXd mean, variance;
+};
+
+ByOthers by_others(const WidthProblem& p, const Widths& widths) {
+  const MatrixXd hyperprior = hyperprior_precision(p);
+  const VectorXd u = widths.factor.array().log(),
+                 squares = squares_of(p, widths.posterior.value, precision(p, widths.factor)),
+                 a = curvature(squares, widths.gamma),
+                 pull = a.cwiseProduct(u) + squares - widths.gamma;
+  ByOthers out{VectorXd(p.groups), VectorXd(p.groups)};
+  for (int k = 0; k < p.groups; ++k) {
+    MatrixXd h = hyperprior;
+    h.diagonal() += a;
+    h(k, k) -= a(k);
+    const VectorXd row = solve_symmetric(h, MatrixXd(VectorXd::Unit(p.groups, k)));
+    out.variance(k) = row(k);
+    out.mean(k) = row.dot(pull) - row(k) * pull(k);
+  }
+  return out;
 }
 
 /// What the widths of one group may be besides the best, weighed by evidence and hyperprior (see
@@ -203,7 +259,8 @@ double bounding_variance(const VectorXd& variance, const VectorXd& weight) {
   return high * high;
 }
 
-OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group) {
+OtherWidths other_widths(const WidthProblem& p, const Widths& widths, const ByOthers& expected,
+                         int group) {
   OtherWidths out;
   const MatrixXd& c = widths.posterior.covariance;
   out.second_moment = MatrixXd::Zero(c.rows(), c.cols());
@@ -233,11 +290,10 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, int group)
            static_cast<double>(members.size()) * b;
   };
   VectorXd weight(by.size());  // 1 at the best widths
-  for (Eigen::Index i = 0; i < by.size(); ++i) {
-    const double u = best + by(i);
+  const double from = best - expected.mean(group);
+  for (Eigen::Index i = 0; i < by.size(); ++i)
     weight(i) =
-        std::exp(log_evidence(by(i)) + (best * best - u * u) / (2 * kWidthSpread * kWidthSpread));
-  }
+        std::exp(log_evidence(by(i)) - by(i) * (2 * from + by(i)) / (2 * expected.variance(group)));
   const VectorXd u = VectorXd::LinSpaced(8 * kGrid + 1, -4 * kAnyWidth, 4 * kAnyWidth);
   VectorXd wide = (-u.array().square() / (2 * kAnyWidth * kAnyWidth)).exp();
   wide /= wide.sum();
@@ -294,7 +350,8 @@ Selection hold(const WidthProblem& p, const Widths& widths) {
   };
   const VectorXd prior = precision(p, widths.factor);
   std::vector<OtherWidths> others;
-  for (int k = 0; k < p.groups; ++k) others.push_back(other_widths(p, widths, k));
+  const ByOthers expected = by_others(p, widths);
+  for (int k = 0; k < p.groups; ++k) others.push_back(other_widths(p, widths, expected, k));
   const auto told = [&](int k) {
     return widths.gamma(k) >= kDetermined * static_cast<double>(members_of(p, k).size());
   };

@@ -4,16 +4,18 @@
 // Model. Twice the cost of the data about the present values x0 of n unknowns (private ones
 // eliminated) is  c + 2 g'd + d'N d  for a step d. A member i of group k counts from its nominal
 // value and has the prior  x_i ~ N(0, t_i^2), t_i = f_k s_i, with its starting width s_i and the
-// group's one unknown factor f_k = exp(u_k), u_k ~ N(0, (ln 3)^2). With P = diag(1 / t_i^2),
-// H = N + P, C = H^-1 the posterior is
+// group's one unknown factor f_k = exp(u_k), u ~ N(0, K): K_kk = (ln 3)^2, and half of that between
+// groups that are alike (lengths of a robot's arms: they were made in the same way). With
+// P = diag(1 / t_i^2), H = N + P, C = H^-1 the posterior is
 //     d = -C (g + P x0),   x = x0 + d,   covariance C,
 //     log evidence = -1/2 [c + x0'P x0 - (g + P x0)'C (g + P x0)] - 1/2 log|H| - sum log t_i + ..,
 // and with gamma_k = sum_i (1 - C_ii / t_i^2), the number of members that the data determine,
-//     d/du_k (log evidence + log hyperprior) = sum_i x_i^2 / t_i^2 - gamma_k - u_k / (ln 3)^2.
-// A round steps by that over  2 max(sum_i x_i^2 / t_i^2, gamma_k) + 1 / (ln 3)^2, at most 1.5. A
-// group that the data do not determine keeps its start; an exact one shrinks to the resolution of
-// the data, and its width states this resolution. (No width shrinks because gamma is small:
-// otherwise parameters without evidence would count as exact.)
+//     d/du_k (log evidence + log hyperprior) = sum_i x_i^2 / t_i^2 - gamma_k - (K^-1 u)_k.
+// A round solves  (A + K^-1) step = that,  A = diag 2 max(sum_i x_i^2 / t_i^2, gamma_k),  each step
+// at most 1.5. A group that the data do not determine keeps its start, or follows those that are
+// alike; an exact one shrinks to the resolution of the data, and its width states this resolution.
+// (No width shrinks because gamma is small: otherwise parameters without evidence would count as
+// exact.)
 //
 // Gain of a group k: the excess of its log evidence over that with x_i = 0 for all its members and
 // everything else unchanged. That is the ratio of prior and posterior densities there (Savage and
@@ -42,7 +44,8 @@
 // P^1/2 C_kk P^1/2, eigenvalues e (the share of a direction that is prior), y = V' P^1/2 x_k:
 //     log evidence changes by  sum (-1/2 log(1 - d e) + 1/2 d y^2 / (1 - d e)) - n log f,
 //     C by  G diag(d / (1 - d e)) G',   x by  G (d y / (1 - d e)),   G = C_:k P^1/2 V
-// (Woodbury). Over a grid of f, weighted by evidence and hyperprior, the second moment includes the
+// (Woodbury). Over a grid of f, weighted by evidence and hyperprior (of u_k given the evidence of
+// the other groups, which is normal in u with precision A), the second moment includes the
 // mean of x's changes to wider widths. Each direction's variance 1 / (1 - d e) belongs to a mixture
 // of normal errors, with longer tails than one; it is enlarged until no more than 0.27 % of errors
 // are beyond three sigmas, as for normal errors.
@@ -72,6 +75,8 @@ struct WidthProblem {
   std::vector<int> group;  // by unknown; -1: none, or a fixed prior of its own
   int groups = 0;
   std::vector<char> known = {};  // by group: its factor is fixed; beyond the end: it is learned
+  std::vector<int> alike = {};   // by group: alike with those of the same value; -1 or beyond the
+                                // end: with none
 
   bool learns(int k) const { return k >= static_cast<int>(known.size()) || !known[k]; }
 };
@@ -101,6 +106,8 @@ Widths learn_widths(const WidthProblem& problem, VectorXd factor, int rounds);
 double evidence_gain(const WidthProblem& problem, const Widths& widths, int group);
 /// Returns the log evidence at these factors, up to a constant; NaN if it is not defined.
 double log_evidence(const WidthProblem& problem, const VectorXd& factor);
+/// Returns the log hyperprior of these factors, up to a constant.
+double log_hyperprior(const WidthProblem& problem, const VectorXd& factor);
 
 /// The groups and components fixed for lack of evidence.
 struct Selection {
