@@ -691,7 +691,7 @@ def value(result, parameter, size=1):
 def moved(model, result, header, name, step):
     """The estimate with one number of covariance.csv moved by `step`; None: nothing that is judged depends on this number.
 
-    A pose that is wholly free is T exp(delta). One that is partly free is T0 exp(xi + delta), which is T exp(-xi) exp(xi + delta). The origin that
+    A pose that is wholly estimated is T exp(delta). One that is partly estimated (other components have no sigma) is T0 exp(xi + delta), which is T exp(-xi) exp(xi + delta). The origin that
     the result's URDF has is T exp(offset): the offset, which was folded in, is taken out before and folded in again after.
     """
     kind, owner, rest = name.split("/", 1)[0], name.split("/", 1)[1].rpartition("/")[0], name.rpartition("/")[2]
@@ -708,7 +708,7 @@ def moved(model, result, header, name, step):
         raise ValueError("covariance.csv has %s, of which this script knows nothing" % name)
     parameter, delta = "%s/%s/%s" % (kind, owner, what), np.zeros(6)
     delta[COMPONENTS.index(component)] = step
-    if all("%s.%s" % (parameter, c) in header for c in COMPONENTS):
+    if all("%s.%s" % (parameter, c) in header for c in COMPONENTS) and all(result["parameters"][parameter]["sigma"]):
         change = exp(delta)
     else:
         xi = value(result, parameter, 6)

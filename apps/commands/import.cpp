@@ -202,7 +202,7 @@ int import_pairs(const ImportArguments& a, bool hand_eye) {
   begin_writing();
   write_directory(a.out, {{"rig.yaml", files.rig_yaml}, {"samples.jsonl", files.samples_jsonl}},
                   a.force, nullptr);
-  std::cout << "Written to " << a.out << ": rig.yaml (look for GUESS in it) and " << pairs.size()
+  std::cout << "Written to " << a.out << ": rig.yaml and " << pairs.size()
             << " samples; next: kincal calibrate " << a.out << "/rig.yaml " << a.out
             << "/samples.jsonl --out result\n";
   return kConverged;

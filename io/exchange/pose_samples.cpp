@@ -72,7 +72,6 @@ std::string hand_eye_rig(const std::string& path, bool in_hand) {
   const std::string camera = in_hand ? "tool0" : "base", board = in_hand ? "base" : "tool0";
   return "# Made by `kincal import` from " + std::filesystem::path(path).filename().string() +
          ".\n"
-         "# Replace values marked GUESS by known ones.\n"
          "format: kincal/1\n"
          "robot: {base: base, flange: tool0}   # reports the poses of its flange\n"
          "# Noise of the poses, m and rad. If omitted, it is found from the data.\n"
@@ -91,7 +90,9 @@ std::string hand_eye_rig(const std::string& path, bool in_hand) {
          "    link: " +
          camera +
          "                      # likewise\n"
-         "    sigma: {translation: 0.001, rotation: 0.003}   # GUESS: m, rad\n";
+         "    # Noise of the poses, m and rad: found from the data, unless it is stated without "
+         "guess.\n"
+         "    sigma: {guess: {translation: 0.001, rotation: 0.003}}\n";
 }
 
 // ------------------------------------------------------------------------------------------------

@@ -123,6 +123,17 @@ std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table,
   return std::nullopt;
 }
 
+Charts charts_of(const Solution& solution) {
+  Charts out;
+  for (const Freed& f : solution.setup.free) {
+    const Parameter& p = solution.table().all[f.parameter];
+    if (p.pose && !f.whole(p))
+      out[f.parameter] = right_jacobian_se3(log_se3(inverse(get_pose(solution.initial, p.start)) *
+                                                    get_pose(solution.values.shared, p.start)));
+  }
+  return out;
+}
+
 Unknowns last_unknowns(const Linearisation& at) {
   const Solution& solution = at.solution;
   Unknowns out;
@@ -141,13 +152,7 @@ Unknowns last_unknowns(const Linearisation& at) {
     out.columns = all;
     out.covariance = solution.prediction->covariance;
   }
-  for (const Freed& f : solution.setup.free) {
-    const Parameter& p = solution.table().all[f.parameter];
-    if (p.pose && !f.whole(p))
-      out.charts[f.parameter] =
-          right_jacobian_se3(log_se3(inverse(get_pose(solution.initial, p.start)) *
-                                     get_pose(solution.values.shared, p.start)));
-  }
+  out.charts = charts_of(solution);
   out.unseen = unseen_poses(solution).open;
   return out;
 }

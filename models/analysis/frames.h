@@ -42,13 +42,17 @@ std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table);
 std::optional<Frame> find_frame(const Rig& rig, const ParameterTable& table,
                                 const std::string& name);
 
+/// Charts are J_r(xi) of partly estimated poses, by parameter.
+using Charts = std::map<int, Matrix6d>;
+Charts charts_of(const Solution& solution);
+
 /// Unknowns are the components that a step estimated, with their covariance.
 struct Unknowns {
   std::vector<Component> columns;
-  std::map<int, Matrix6d> charts;  // J_r(xi) of partly estimated poses, by parameter
-  MatrixXd covariance;             // 0 along `undetermined`
-  MatrixXd undetermined;           // columns: directions, real units
-  std::vector<int> unseen;         // parameters: open poses on which no training sample depends
+  Charts charts;
+  MatrixXd covariance;      // 0 along `undetermined`
+  MatrixXd undetermined;    // columns: directions, real units
+  std::vector<int> unseen;  // parameters: open poses on which no training sample depends
 };
 /// Returns the components that the last step estimated, with their covariance at the solution. It
 /// builds and linearises the problem again.

@@ -13,12 +13,14 @@
 
 #include "../rig/recording.h"
 #include "../rig/selection.h"
+#include "frames.h"
 
 namespace kincal {
 
-/// Returns J'J (m and rad) at these values. The same rig always gives the same postures.
+/// Returns J'J (m and rad) at these values. The same rig always gives the same postures. `charts`
+/// are as in Unknowns (frames.h).
 MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
-                         const std::vector<Component>& columns);
+                         const std::vector<Component>& columns, const Charts& charts = {});
 
 /// Returns the last body on which all sensors and mounted targets depend: joints between it and the
 /// base do not move these relative to each other.
@@ -34,5 +36,10 @@ struct Gauge {
 /// Returns the gauges among the components of poses, at these values.
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses);
+
+/// Adds to the covariance of a solution what is not known of gauges of poses that the rig does not
+/// give: the component that was fixed may be off by 1 m or 1 rad, and the others move along with
+/// it.
+void add_gauges(const Solution& solution, const std::vector<Gauge>& gauges, Prediction& out);
 
 }  // namespace kincal

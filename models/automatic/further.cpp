@@ -53,7 +53,8 @@ FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
   for (Freed& f : out.setup.free) f.parameter = places[f.parameter];
   if (out.setup.initial.size() > 0) out.setup.initial = moved(fit.setup.initial, from, to, places);
   for (WidthGroup& group : out.groups.groups)
-    for (Member& m : group.members) m.component.parameter = places[m.component.parameter];
+    for (std::vector<Member>* members : {&group.members, &group.unseen})
+      for (Member& m : *members) m.component.parameter = places[m.component.parameter];
   for (std::vector<Member>* members : {&out.groups.stated, &out.groups.gears})
     for (Member& m : *members) m.component.parameter = places[m.component.parameter];
   out.groups.groups.push_back({"gears", std::move(out.groups.gears), {}});

@@ -546,6 +546,7 @@ Calibrated calibrate_groups(const Model& model) {
           other.probability() * other.moved * other.moved.transpose();
   out.other_models.insert(out.other_models.end(), learned.other_models.begin(),
                           learned.other_models.end());
+  add_gauges(solution, out.gauges, *solution.prediction);
   set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, selection, others, solution);

@@ -359,7 +359,13 @@ MatrixXd covariance_after(double times, const Solution& solution, const DataEqua
                           const MatrixXd& known) {
   if (!solution.prediction) return inverse_of_symmetric(known + times * data.normal);
   const auto n = data.normal.rows();
-  const MatrixXd t = root_of_covariance(solution.prediction->covariance.topLeftCorner(n, n));
+  const MatrixXd& all = solution.prediction->covariance;
+  const auto rest = all.rows() - n;  // gauges, along which nothing moves relative to anything else
+  MatrixXd now = all.topLeftCorner(n, n);
+  if (rest > 0)
+    now -= all.topRightCorner(n, rest) *
+           solve_symmetric(all.bottomRightCorner(rest, rest), all.bottomLeftCorner(rest, n));
+  const MatrixXd t = root_of_covariance(now);
   MatrixXd s = (times - 1) * (t.transpose() * data.normal * t);
   s.diagonal().array() += 1;
   return t * solve_symmetric(s, t.transpose());

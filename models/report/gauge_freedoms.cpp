@@ -147,8 +147,7 @@ GaugeFreedoms find_gauge_freedoms(const Report& report) {
   const Solution& solution = report.solution;
   const std::vector<Component>& columns =
       solution.prediction ? solution.prediction->columns : solution.columns;
-  const MatrixXd& moments =
-      solution.prediction ? solution.prediction->covariance : solution.covariance;
+  MatrixXd moments = solution.prediction ? solution.prediction->covariance : solution.covariance;
   const bool loose = std::any_of(solution.parameters.begin(), solution.parameters.end(),
                                  [](const ParameterEstimate& e) {
                                    for (size_t c = 0; e.pose && c < e.sigma.size(); ++c)
@@ -157,10 +156,17 @@ GaugeFreedoms find_gauge_freedoms(const Report& report) {
                                    return false;
                                  });
   if (!loose || moments.rows() != static_cast<Eigen::Index>(columns.size())) return {};
+  GaugeFreedoms out;
+  for (size_t i = 0; i < columns.size(); ++i)
+    if (std::any_of(report.gauges.begin(), report.gauges.end(),
+                    [&](const Gauge& g) { return !g.given && g.fixed == columns[i]; }))
+      condition(moments, static_cast<Eigen::Index>(i));
+  for (size_t i = 0; i < columns.size() && !report.gauges.empty(); ++i)
+    out.fixed[columns[i]] = std::sqrt(
+        std::max(0.0, moments(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i))));
   const std::set<std::string> names = undecided(report);
   Choices now = {columns, moments, choices_among(solution, columns, names)};
   for (const Eigen::Index i : now.numbers) condition(now.left, i);
-  GaugeFreedoms out;
   out.sizes = sizes_to_measure(solution, now);
   out.zeros = zero_gauges(solution, now);
   return out;
@@ -174,6 +180,8 @@ const GaugeFreedoms& gauge_freedoms(const Report& report) {
 JudgedSigma judged_sigma(const GaugeFreedoms& freedoms, const ParameterEstimate& e, size_t c) {
   JudgedSigma out{e.sigma[c], nullptr, ""};
   const Component component = {e.parameter, static_cast<int>(c)};
+  if (const auto fixed = freedoms.fixed.find(component); fixed != freedoms.fixed.end())
+    out.sigma = std::min(out.sigma, fixed->second);
   if (const auto size = freedoms.sizes.find(component); size != freedoms.sizes.end())
     out.size = size->second;
   if (!(out.sigma < pose_scales(e.units[c]).open)) return out;

@@ -37,6 +37,8 @@ struct ZeroGauge {
 /// GaugeFreedoms are what makes poses loose and no posture tells.
 struct GaugeFreedoms {
   std::vector<ZeroGauge> zeros;
+  std::map<Component, double> fixed;  // sigmas of poses, were the gauges' components known that
+                                      // were fixed (analysis/gauges.h)
   std::map<Component, std::string>
       sizes;  // by number of a pose: the size of a target that makes it loose, to be measured
 };
@@ -48,7 +50,7 @@ GaugeFreedoms find_gauge_freedoms(const Report& report);
 const GaugeFreedoms& gauge_freedoms(const Report& report);
 
 /// Returns the sigma of a component by which to judge how well it is known, and which free zero, if
-/// any, makes it less than it seems: what it would be without. (One that is open,
+/// any, makes it less than it seems: what it would be without gauges. (One that is open,
 /// rig/scales.h, stays as it is: that is no choice.)
 struct JudgedSigma {
   double sigma;

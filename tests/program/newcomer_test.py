@@ -1075,6 +1075,13 @@ class Parallel(Case):
                 camera, board = (result["parameters"][name]["pose"]["xyz"] for name in ("sensor/cam/pose", "target/board/pose"))
                 self.assertAlmostEqual(camera[2] - board[2], 0.216, delta=0.002)   # how far apart is known
                 self.assertLess(abs(camera[2] + 0.034), 0.5)                       # and how high is not led away
+                sigmas = [result["parameters"].get("sensor/cam/pose", {"sigma": [0] * 6})["sigma"][2], result["parameters"]["target/board/pose"]["sigma"][2]]
+                if poses[0]:
+                    self.assertLess(max(sigmas), 0.05)
+                else:                                                              # and is not said to be known
+                    self.assertGreater(max(sigmas), 0.5)
+                    self.kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "required", "--force", "--no-report", "--require", "frame/sensor/cam<100mm",
+                                "--require", "frame/target/board<100mm", code=4)
                 if near is not None:
                     self.assertAlmostEqual(camera[2], near, delta=0.01)
                 self.assertAlmostEqual(camera[0], 0.033, delta=0.001)
