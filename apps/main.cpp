@@ -51,7 +51,7 @@ const char* const kFooter =
     "  kincal verify result new_samples.jsonl --out certificate   is it as accurate as claimed?\n"
     "  kincal fleet results --out fleet                           find robots unlike the others, "
     "and drift\n"
-    "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a direction to be estimated "
+    "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a combination of parameters "
     "is not determined by the data (see the\n"
     "warnings); 3 a step did not converge; 4 a required tolerance is not met; 5 the model does not "
     "explain the data; 130\n"

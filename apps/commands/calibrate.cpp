@@ -128,7 +128,7 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
       "(--dry-run shows the groups). Parameters without evidence of error keep their nominal "
       "values. The tables show the rms before and after;\n"
       "`as read` takes the joint readings as exact, as the robot's own software does.\n"
-      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a direction to be estimated is not "
+      "Exit codes: 0 converged; 1 bad input, nothing written; 2 a combination of parameters is not "
       "determined; 3 a step did not converge; 4 a\n"
       "--require is not met; 5 the model does not explain the data (2 to 5: results are written, "
       "result.json has the status; if several\n"

@@ -100,7 +100,7 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
   command
       ->add_option(
           "--folds", a->options.folds,
-          "number of parts of the samples that are held out in turn; at most one per sample")
+          "split the samples into so many parts and leave each out once; at most one per sample")
       ->check(CLI::Range(2, 1000))
       ->capture_default_str();
   command->add_flag(

@@ -22,7 +22,7 @@ struct SweepOptions {
 /// How long before and after the sweeps of a rest the joint rests too, s.
 constexpr double kQuiet = 0.5;
 
-/// A SimulatedLaser refers to all that it is made from.
+/// A SimulatedLaser keeps references to its arguments.
 class SimulatedLaser {
  public:
   /// @throws InputError where a camera moves with the laser's joint, or it is not known where the

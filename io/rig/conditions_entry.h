@@ -29,7 +29,7 @@ std::string conditions_text(const Tree& tree, const Conditions& conditions);
 /// Returns the keys of a joint's entry, those of all models among them.
 std::vector<std::string> joint_keys(const JointModels& models);
 
-/// Reads the terms beside its model that a joint's entry has. @throws InputError
+/// Reads the terms that a joint's entry has in addition to its model. @throws InputError
 void read_terms(const Field& entry, const Tree& tree, int joint, JointTerms& terms);
 
 /// Fails where a joint that a sensor scans with has a ripple or a coupling, or is coupled to.

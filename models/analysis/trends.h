@@ -22,7 +22,7 @@
 // is how far neighbours agree. Of independent normal errors its mean is tr A / m and its variance
 // 2 (tr A^2 - (tr A)^2 / m) / (m (m + 2)), as r does not depend on y'y. Where neighbours agree
 // more, the square of the excess over the mean, in standard deviations, is added to chi2, with a
-// degree of freedom. That part of the residuals is a curve.
+// degree of freedom. The excess is the share of the squares that a curve has.
 //
 // A trend is one that occurs by chance in one of 30,000 joints (4 standard deviations) and is a
 // good part of the scatter.

@@ -7,7 +7,7 @@
 // - A pose that the rig gives and the steps free, moved by d (5 cm and 5 degrees each count as 1):
 //   -7/2 ln(1 + d^2), Cauchy's density in six dimensions.
 //
-// - A pose that the rig does not give, t metres from its link: -2 ln(1 + t^2), Cauchy's density in
+// - A pose that the rig omits, found t metres from its link: -2 ln(1 + t^2), Cauchy's density in
 //   three dimensions, because robots are some metres large.
 //
 // - Another number that the steps free without a prior, moved by d of its usual error:
@@ -94,10 +94,9 @@ double log_evidence_at(const std::vector<FittedPart>& parts, const ModelEvidence
 /// given one.
 double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit);
 
-/// Returns how far the log evidence of fits of the data (of all, or of parts) with a mistake and
-/// without it differs by chance where the latter do not explain the data, else 0: three times the
-/// standard deviation of the sum over samples (Vuong, Econometrica 57, 1989). `about`: what the
-/// mistake is about; its samples differ in another way than the others.
+/// Returns three standard deviations of the gain in log evidence, summed over samples (Vuong,
+/// Econometrica 57, 1989); 0 if the fits without the mistake explain the data. `about` are the
+/// subjects of the mistake; their samples are counted apart.
 double log_by_chance(const std::vector<FittedPart>& with, const std::vector<FittedPart>& without,
                      const Subjects& about = {});
 

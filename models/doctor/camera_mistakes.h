@@ -20,7 +20,8 @@ void add_resolutions(const Rig& rig, const ParameterTable& table,
                      const FreedNames& freed, std::vector<Hypothesis>& out);
 /// Adds other orders of fx fy cx cy that are as plausible.
 void add_orders(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);
-/// Adds normalised coordinates in the views of a camera with intrinsics in pixels, and the reverse.
+/// Adds the hypothesis that views hold normalised coordinates while the intrinsics are in pixels,
+/// and the reverse.
 void add_normalised(const Rig& rig, const std::vector<Sample>& samples,
                     const ObservationIndex& observations, std::vector<Hypothesis>& out);
 

@@ -64,9 +64,9 @@ Evidence prove_by_movement(const TrialFit& now, const TrialFit& fit) {
   Evidence out = prove_by_chi2(now, fit);
   if (!names.empty())
     out.sentences =
-        "The estimate hides it by moving " + names +
+        "With the mistake, " + names +
         text(
-            " by up to %.3g (m, rad, or share of a length); without this mistake %.3g are enough. "
+            " must move by up to %.3g (m, rad, or share of a length); without it, by %.3g. "
             "chi2 is %.6g as it is and %.6g without",
             before, after, now.chi2, fit.chi2);
   return out;

@@ -13,7 +13,8 @@ namespace kincal {
 void add_pose_readings(const Rig& rig, const std::vector<Sample>& samples,
                        const ObservationIndex& observations, std::vector<Hypothesis>& out);
 
-/// Adds measured poses whose quaternions are in another order, or that are of another convention.
+/// Adds the hypotheses that measured poses have quaternions in another order, or another
+/// convention.
 void add_pose_views(const Rig& rig, const ObservationIndex& observations,
                     std::vector<Hypothesis>& out);
 

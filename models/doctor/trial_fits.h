@@ -30,7 +30,7 @@ struct Thresholds {
   static constexpr double noise = 3;
   /// No noise and no robot as it is built explains chi2/dof above this.
   static constexpr double no_noise = 100;
-  /// A number that is not as stated explains the data alone if chi2/dof falls by this factor.
+  /// One corrected value explains the data by itself if chi2/dof falls by this factor.
   static constexpr double clean_gain = 1.6;
   /// Of a few samples, half a turn of views or a joint that never moved: chi2 falls by this factor.
   static constexpr double decisive = 4;

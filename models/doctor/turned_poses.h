@@ -1,9 +1,9 @@
-// Poses that are held but turned by a plain rotation: by 90 or 180 degrees about an axis, or link
+// Fixed poses that are wrong by a plain rotation: by 90 or 180 degrees about an axis, or link
 // frames (x forward) taken for optical frames (z forward).
 //
 // The pose is freed and found in closed form. If it comes out near one of the 23 turns of a cube,
-// that turn is a hypothesis, which a fit with the pose held judges. So no turn has to be tried that
-// the data do not suggest.
+// that turn is a hypothesis, which a fit with the pose fixed there judges. So no turn has to be
+// tried that the data do not suggest.
 #pragma once
 
 #include <vector>

@@ -173,7 +173,7 @@ inline void add_shared(const SharedColumns& columns, const SharedSums& sums,
 }
 
 /// Adds M' G M to the equations of a group; `gram` and `m` in the scratch are as make_products()
-/// wants them. What is shared goes to `sums` if they are given. Does not allocate.
+/// wants them. Terms of shared unknowns are added to `sums`, if given. Does not allocate.
 inline void expand(int depth, const ViewColumns& columns, const GroupShape& group, ExpandScratch& s,
                    const GroupEquations& to, const SharedSums* sums) {
   const int k = group.private_size, size = group.size(), width = columns.width;

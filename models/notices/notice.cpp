@@ -180,7 +180,7 @@ const Row kRows[] = {
      "width",
      Severity::doubt,
      "Automatic path: the parameters of a group are off by more than 9 times the usual error, or "
-     "lengths are likely those of another robot.",
+     "the URDF seems to describe another robot.",
      0,
      {NK::sigma}},
     {NK::contradicted, "contradicted", Severity::doubt,

@@ -45,14 +45,15 @@ void warn_of_zero(const ZeroGauge& zero, std::vector<WarningItem> poses, Notices
       one ? (zero.is_zero ? "the zero of joint '" : "the place of joint '") + zero.joint + "' (" +
                 zero.numbers[0] + ")"
           : "parameters of the joints (" + listed(zero.numbers, kNamed) + ")";
-  const char* same = one ? "one number" : "the same numbers";
   const std::string poses_are = listed(words, kNamed) + (poses.size() > 1 ? " are" : " is");
-  warning.what = zero.at_base
-                     ? poses_are +
-                           " determined no better than the position of the base frame: that and " +
-                           number + " are " + same + ", the free choice of the base frame"
-                     : poses_are + " determined no better than " + number +
-                           (one ? ", the last one" : "") + ": they are " + same;
+  warning.what =
+      zero.at_base
+          ? poses_are +
+                " determined no better than the base frame, which is a free choice: moving "
+                "it has the same effect as changing " +
+                number
+          : poses_are + " determined no better than " + number +
+                (one ? ", the last one: changing it" : ": changing them") + " has the same effect";
   warning.why = zero.at_base
                     ? "no posture determines it, no measurement depends on it, and it does no harm"
                     : "no posture determines it, and no measurement depends on it; the position of "

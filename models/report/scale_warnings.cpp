@@ -141,7 +141,7 @@ void warn_of_scales(const Report& report, Notices& out) {
     out.push_back(make_notice(
         NoticeKind::unchecked, subjects(Subject::Kind::parameter, scale.scales),
         "nothing in the data checks " + scale_words(scale) +
-            ": if they were wrong by one percent, " + scale.worst + " would shift by " +
+            ": with an error of one percent, " + scale.worst + " would shift by " +
             shown_text(scale.moved, scale.unit) +
             text(", %.2g times its sigma, with residuals as small", scale.sigmas),
         "",

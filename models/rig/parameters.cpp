@@ -44,7 +44,7 @@ void add_further(const JointSettings& settings, size_t joint, const std::string&
   }
 }
 
-/// Adds the parameters of a joint's terms beside its model. `add` is that of the table.
+/// Adds the parameters of a joint's terms in addition to its model. `add` is that of the table.
 template <class Add>
 void add_terms(const Rig& rig, size_t joint, const std::string& prefix, const Add& add) {
   const JointTerms& terms = rig.joints[joint].terms;

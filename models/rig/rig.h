@@ -26,7 +26,7 @@ inline double guessed_noise(const Joint& joint) {
                                               : kGuessedTurnNoise;
 }
 
-/// JointTerms are the terms of a joint's position beside its model (conditions.h), with
+/// JointTerms are the terms of a joint's position in addition to its model (conditions.h), with
 /// initial values. A term that is not set has no parameter.
 struct JointTerms {
   std::optional<double> backlash = {};     // half width, rad or m

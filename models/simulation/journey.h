@@ -30,7 +30,7 @@ struct JourneyOptions {
 };
 
 /// A Journey goes through all stops, from the beginning of the first rest (time 0) to the end of
-/// the last. It refers to all that it is made from.
+/// the last. It keeps references to its arguments.
 class Journey {
  public:
   Journey(const Rig& rig, const ParameterTable& table, const VectorXd& truth,

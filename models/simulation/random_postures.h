@@ -24,7 +24,7 @@ struct PostureGroup {
   std::vector<SensorTarget> observers;  // pairs that may see it
 };
 
-/// RandomPostures draws postures until they show enough. It refers to all that it is made from.
+/// RandomPostures draws postures until they show enough. It keeps references to its arguments.
 class RandomPostures {
  public:
   /// @throws std::invalid_argument if nothing is seen by any pair.

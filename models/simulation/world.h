@@ -49,7 +49,7 @@ struct CameraImage {
   double focal, cx, cy, width, height;
 };
 
-/// A World is a rig as it really is. It refers to all that it is made from.
+/// A World is a rig as it really is. It keeps references to its arguments.
 class World {
  public:
   World(const Rig& rig, const ParameterTable& table, const VectorXd& truth);

@@ -85,8 +85,8 @@ struct RepeatedPosture {
   double rp = 0, rp_uncertainty = 0;  // m: mean + 3 S of distances from the barycentre; k = 2
   bool turned = false;
   Vector3d rp_rotation{0, 0, 0};  // rad: 3 S of rotations from the mean one, about x, y, z
-  int approaches = 0;             // ways with a view
-  double vap = 0;                 // m: largest distance between barycentres of two ways
+  int approaches = 0;             // with a view
+  double vap = 0;                 // m: largest distance between the barycentres of two approaches
 };
 /// Returns what postures with at least two views say of repeatability.
 std::vector<RepeatedPosture> repeated_postures(const std::vector<VerifiedView>& views);

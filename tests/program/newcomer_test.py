@@ -332,7 +332,7 @@ class Words(Case):
         self.assertEqual(result["verdict"]["use"], "good", text)
         self.assertNotIn("more varied postures", text)
         found, = self.warnings(result, "base_frame")
-        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are determined no better than the position of the base frame")
+        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are determined no better than the base frame")
         self.assertIn("fix joint/j1/offset (--fix)", found)
         self.assertGreater(result["parameters"]["sensor/tracker/pose"]["sigma"][1], 0.01)  # it is still told
         result, text = self.calibrate(samples, "--fix", "joint/j1/offset")
@@ -1146,7 +1146,7 @@ class Scales(Case):
         result, text = self.calibrate(samples)
         self.assertEqual(self.warnings(result, "scale"), [], text)
         unchecked, = self.warnings(result, "unchecked")
-        self.assertIn("the squares of targets 'near', 'left', 'right': if they were wrong by one percent, target/", unchecked)
+        self.assertIn("the squares of targets 'near', 'left', 'right': with an error of one percent, target/", unchecked)
         self.assertRegex(result["verdict"]["text"], "^converged; .* It is only as accurate as the squares of targets 'near', 'left', 'right', which nothing checks")
         self.assertEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])
         self.write("wrong.yaml", STEREO_HEAD % {"square": 0.05})
@@ -1165,7 +1165,7 @@ class Scales(Case):
         result, text = self.calibrate(samples)
         wrong = self.wrong(result, {"sensor/cam/intrinsics": SLIDE_TRUTH["sensor/cam/intrinsics"]})
         self.assertEqual(wrong[:2], ["sensor/cam/intrinsics 0", "sensor/cam/intrinsics 1"], text)
-        self.assertRegex(" ".join(self.warnings(result, "unchecked")), "the readings of joint 'j3': if they were wrong by one percent, sensor/cam/intrinsics.f[xy] would "
+        self.assertRegex(" ".join(self.warnings(result, "unchecked")), "the readings of joint 'j3': with an error of one percent, sensor/cam/intrinsics.f[xy] would "
                                                                        "shift by (9|10|11).* What to do: compare a long travel of the joint with a ruler")
         self.assertIn("It is only as accurate as the readings of joint 'j3', which nothing checks", result["verdict"]["text"])
 
