@@ -74,11 +74,14 @@ Evidence prove_by_movement(const TrialFit& now, const TrialFit& fit) {
 
 /// "Or it is ...", of other mistakes that are as likely.
 std::string or_else(const AcceptedHypothesis& best) {
-  std::string out;
+  std::map<std::string, double> odds;  // by name: one mistake may be undone in several ways
   for (const Alternative& a : best.as_likely)
-    out += (out.empty() ? ". Or it is " : ", or ") + std::string(id(a.kind)) + " (" +
-           joined(names_of(a.where)) +
-           text("): that is %.2g times as likely", std::exp(a.log_odds - best.log_odds));
+    odds[std::string(id(a.kind)) + " (" + joined(names_of(a.where)) + ")"] +=
+        std::exp(a.log_odds - best.log_odds);
+  std::string out;
+  for (const auto& [name, times] : odds)
+    out += (out.empty() ? ". Or it is " : ", or ") + name +
+           text(": that is %.2g times as likely", times);
   return out;
 }
 

@@ -197,7 +197,7 @@ void add_shift_of(int sensor, int by, const Rig& rig, const std::vector<Sample>&
       by, {Subject::sensor(rig.sensors[sensor].name)},
       "the views of sensor " + quoted(rig.sensors[sensor].name),
       "Pair its views with the readings of their own time: its log starts a sample too early or "
-      "too late.",
+      "too late",
       [sensor, views](Rig&, std::vector<Sample>& changed) {
         for (Sample& s : changed) {
           s.views.erase(std::remove_if(s.views.begin(), s.views.end(),
