@@ -107,7 +107,7 @@ kincal_python_test(shuffle.Example shuffle_test.py cli 600 ${kincal_program} Exa
 foreach(group Pr2Simulated Aubo AbsentPoses Others)
   kincal_python_test(shuffle.${group} shuffle_test.py data 900 ${kincal_program} ${group})
 endforeach()
-foreach(group Init Parallel Aubo Panda Others OtherRobot)
+foreach(group Init Parallel Aubo Panda Others OtherRobot OtherLens)
   kincal_python_test(automatic.${group} automatic_test.py data 300 ${kincal_program} ${group})
 endforeach()
 kincal_python_test(newcomer newcomer_test.py cli 300 ${kincal_program})

@@ -8,6 +8,7 @@
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "grouped.h"
+#include "other_lens.h"
 
 namespace kincal {
 
@@ -239,6 +240,24 @@ bool add_to_joints(const std::string& kind, AddsToJoints make, Model& model, Cal
   return model.options.begin.further.size() > before;
 }
 
+/// Weighs other lenses of cameras, and adds their change of the other parameters to what is
+/// predicted.
+void weigh_lenses(Calibrated& best) {
+  Prediction& prediction = *best.found.solution.prediction;
+  for (OtherLens& lens : other_lenses(best.fit, best.found.solution.columns)) {
+    VectorXd moved = VectorXd::Zero(prediction.covariance.rows());
+    for (size_t i = 0; i < lens.columns.size(); ++i) {
+      const auto found =
+          std::find(prediction.columns.begin(), prediction.columns.end(), lens.columns[i]);
+      if (found != prediction.columns.end())
+        moved(found - prediction.columns.begin()) = lens.moved(static_cast<Eigen::Index>(i));
+    }
+    prediction.covariance += lens.model.probability() * moved * moved.transpose();
+    best.found.other_models.push_back(std::move(lens.model));
+  }
+  set_predicted_sigmas(best.found);
+}
+
 }  // namespace
 
 Begin begin_at(const Solution& solution, const std::vector<AutomaticGroup>& groups) {
@@ -267,6 +286,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
       bend_joints({kLoads}, model, best, record);
     } while (
         add_to_joints(kCouplingOf, with_coupling, model, best, record));  // (it hid the others)
+    if (best.found.solution.prediction) weigh_lenses(best);
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);
   }

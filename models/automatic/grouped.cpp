@@ -382,17 +382,6 @@ DataEquations data_of(const Learned& learned, const Solution& solution) {
           -learned.problem.gradient - learned.problem.normal * moved};
 }
 
-/// Sigmas of the estimates are those of the prediction.
-void set_predicted_sigmas(Solution& solution) {
-  const Prediction& p = *solution.prediction;
-  for (size_t i = 0; i < p.columns.size(); ++i)
-    for (ParameterEstimate& e : solution.parameters)
-      if (e.parameter == p.columns[i].parameter && e.freed[p.columns[i].index] &&
-          e.sigma[p.columns[i].index] > 0)
-        e.sigma[p.columns[i].index] =
-            std::sqrt(p.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)));
-}
-
 std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& learned,
                                  const Selection& selection, const std::vector<OtherRobot>& others,
                                  const Solution& solution) {
@@ -467,6 +456,23 @@ CalibrationOptions plain(const AutomaticOptions& options) {
 }
 
 }  // namespace
+
+void set_predicted_sigmas(AutomaticCalibration& found) {
+  Solution& solution = found.solution;
+  const Prediction& p = *solution.prediction;
+  for (size_t i = 0; i < p.columns.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    const double sigma = std::sqrt(p.covariance(k, k));
+    for (ParameterEstimate& e : solution.parameters)
+      if (e.parameter == p.columns[i].parameter && e.freed[p.columns[i].index] &&
+          e.sigma[p.columns[i].index] > 0)
+        e.sigma[p.columns[i].index] = sigma;
+    const std::string name = solution.table().name(p.columns[i]);
+    for (AutomaticGroup& group : found.groups)
+      for (AutomaticNumber& number : group.numbers)
+        if (number.name == name) number.sigma = sigma;
+  }
+}
 
 Calibrated calibrate_groups(const Model& model) {
   AutomaticCalibration out;
@@ -547,9 +553,9 @@ Calibrated calibrate_groups(const Model& model) {
   out.other_models.insert(out.other_models.end(), learned.other_models.begin(),
                           learned.other_models.end());
   add_gauges(solution, out.gauges, *solution.prediction);
-  set_predicted_sigmas(solution);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, selection, others, solution);
+  set_predicted_sigmas(out);
   out.mounts = mounts.values.shared;
   out.unchecked = learned.unchecked;
   out.noise_factor = learned.noise_factor;

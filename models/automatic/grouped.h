@@ -32,5 +32,7 @@ struct Model {
 };
 
 Calibrated calibrate_groups(const Model& model);
+/// Sets the sigmas of estimates and of groups' members to those of the prediction.
+void set_predicted_sigmas(AutomaticCalibration& found);
 
 }  // namespace kincal

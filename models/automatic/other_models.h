@@ -7,6 +7,7 @@
 //                baselines that were estimated as changed
 //   prior        a prior in the rig is too narrow
 //   gears        scales of joints that were not estimated are not as stated
+//   intrinsics   a camera has another lens (other_lens.h)
 //
 // Common factor. Lengths l_i of the URDF have errors x_i ~ N(0, t^2) (groups.h). With a factor 1 +
 // m the errors are x_i ~ N(m l_i, t^2): values count from x0_i - m l_i. The log evidence is a
@@ -41,7 +42,8 @@
 namespace kincal {
 
 /// An OtherModel is one of these. `where` has: for arm_scale the sensors that measure lengths; for
-/// link_length the length, then the sizes; for prior the prior; for gears nothing.
+/// link_length the length, then the sizes; for prior the prior; for intrinsics the
+/// camera; for gears nothing.
 struct OtherModel : Alternative {
   double value = 0, sigma = 0;  // arm_scale: the factor; prior: of its width
   VectorXd moved;               // link_length in place of sizes: m, by unknown

@@ -21,6 +21,7 @@ namespace kincal {
 struct FitWidths {
   WidthProblem problem;
   std::vector<Component> columns;
+  double cost = 0;  // twice that of the data at present
 };
 
 /// Returns the lengths that no measurement checks, at these factors of the groups' widths. The

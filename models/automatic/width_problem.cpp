@@ -39,7 +39,7 @@ std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<in
                                      int count) {
   Estimation& data = *at.problem;
   const auto n = static_cast<Eigen::Index>(data.columns().size());
-  std::vector<NormalPart> out(count, {MatrixXd::Zero(n, n), VectorXd::Zero(n)});
+  std::vector<NormalPart> out(count, {MatrixXd::Zero(n, n), VectorXd::Zero(n), 0});
   MatrixXd rows;
   long rank = 0;
   for (size_t g = 0; g < data.groups().size(); ++g) {
@@ -50,6 +50,7 @@ std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<in
     const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
     const auto m = static_cast<Eigen::Index>(shape.columns.size());
     const MatrixXd gram = left.transpose() * left;
+    out[k].cost += gram(m, m);
     for (Eigen::Index i = 0; i < m; ++i) {
       out[k].gradient(shape.columns[i]) += gram(i, m);
       for (Eigen::Index j = 0; j < m; ++j)
@@ -96,7 +97,7 @@ FitWidths width_problem(const Recording& recording, const DataProblem& at,
     out.start(k) = found->second.second;
     out.at(k) = value_of(recording.table, data.initial(), state, columns[i]);
   }
-  return {std::move(out), columns};
+  return {std::move(out), columns, all.cost};
 }
 
 }  // namespace kincal

@@ -37,6 +37,7 @@ FitWidths width_problem(const Recording& recording, const DataProblem& at,
 struct NormalPart {
   MatrixXd normal;
   VectorXd gradient;
+  double cost = 0;  // twice that of the data at the best private unknowns
 };
 /// Returns the parts of sets of samples. `set` is by sample of the recording; -1: in none.
 std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<int>& set, int count);

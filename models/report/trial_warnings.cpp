@@ -4,7 +4,9 @@
 #include <cmath>
 #include <set>
 
+#include "../automatic/other_lens.h"
 #include "../rig/words.h"
+#include "../sensors/sensors.h"
 
 namespace kincal {
 namespace {
@@ -51,6 +53,19 @@ void warn_of_other_models(const Report& report, Notices& out) {
                                 "predicted errors may be too small",
                                 "estimate them (`group` gears), unless an inaccurate board or "
                                 "repeated readings cause the same effect"));
+  for (const OtherModel* lens : told_models(all, NoticeKind::intrinsics)) {
+    const std::vector<Sensor>& sensors = report.solution.rig().sensors;
+    const Sensor& camera = *std::find_if(sensors.begin(), sensors.end(), [&](const Sensor& s) {
+      return s.name == lens->where[0].name;
+    });
+    const std::string other = lens_type(*other_lens(camera)).name;
+    out.push_back(make_notice(
+        NoticeKind::intrinsics, lens->where,
+        "the lens of camera '" + camera.name + "' is " + other + " rather than " +
+            lens_type(camera.parameters).name + text(" (log odds %+.3g)", lens->log_odds),
+        "poses absorb the difference (predicted errors account for this)",
+        "write `model: " + other + "` without distortion into the rig, and calibrate again"));
+  }
 }
 
 void warn_of_use(const Residuals& residuals, Notices& out) {
