@@ -14,6 +14,7 @@
 #include "../rig/selection.h"
 #include "innovation.h"
 #include "moving_groups.h"
+#include "noise_factors.h"
 #include "sample_form.h"
 #include "state_bytes.h"
 
@@ -22,16 +23,11 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double kLeastVariance = 1e-3;  // over the stated one: data without noise prove nothing
-constexpr double kRounding = 1e-10;      // of derivatives, over the largest
+constexpr double kRounding = 1e-10;  // of derivatives, over the largest
 
 constexpr size_t kForms = 32;  // of samples, kept
 // Of a width: what a window leaves as uncertain as that it does not determine.
 constexpr double kUndetermined = 0.5;
-
-/// A NoiseOf is a part of a sensor's noise (SensorModel::noise_parts()); sensor -1: the readings of
-/// a joint.
-using NoiseOf = std::pair<int, int>;
 
 /// `needed`: of needed_by_views(). `place` begins the messages.
 void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sample& sample,
@@ -109,17 +105,6 @@ std::uint64_t hash_of(const ParameterTable& table, const CalibratedState& state,
 }  // namespace
 
 struct Monitor::Parts {
-  /// A NoiseFactor is the root mean square of residuals.
-  struct NoiseFactor {
-    double squares = 0, residuals = 0;
-    double variance() const { return std::max(kLeastVariance, (kNoiseKnown + squares) / known()); }
-    double known() const { return kNoiseKnown + residuals; }
-    void add(double chi2, double dof) {
-      squares += chi2;
-      residuals += dof;
-    }
-  };
-
   /// Pending are the equations of an outlier, which count if the next sample is one, too.
   struct Pending {
     bool waits = false;
@@ -147,10 +132,7 @@ struct Monitor::Parts {
   MatrixXd known;       // covariance of the columns after the calibration
   std::uint64_t owner;  // hash of the calibration and the options
   std::optional<DriftWatch> test;
-  std::vector<NoiseOf> kinds;      // ascending: joints, then parts of the sensors
-  std::vector<int> first_kind;     // by sensor; then the number of kinds
-  std::vector<NoiseFactor> noise;  // by kind, of the noise alone
-  std::vector<double> variance;    // by kind: of the noise
+  NoiseFactors noise;
   long samples = 0, outliers = 0;
   Pending pending;
   bool drifting = false;  // the sample before was one
@@ -165,22 +147,22 @@ struct Monitor::Parts {
   bool equations(const Sample& sample, Equations& out, std::string& why);
   void place_rows(const std::vector<NoiseRows>& of, const MatrixXd& rows, const MatrixXd& all_rows,
                   Equations& out) const;
-  void judge(const Equations& e, Innovation& out) const;
   void take_outlier(long number, long residuals, Innovation& out);
-  void take_fitting(const Equations& e, long number);
-  void find_variances() {
-    for (size_t k = 0; k < noise.size(); ++k) variance[k] = noise[k].variance();
-  }
+  void take_fitting(const Equations& e, const Innovation& seen, long number);
   bool scans(const NoiseRows& of) const {
     return of.view && base.rig.sensors[of.view->sensor].scanning_joint >= 0;
   }
   int kind_of(const NoiseRows& of) const {
-    return of.view ? first_kind[of.view->sensor] + (scans(of) ? 0 : of.part) : of.joint;
+    return of.view ? noise.kind_of(of.view->sensor, scans(of) ? 0 : of.part)
+                   : noise.kind_of_joint(of.joint);
   }
 };
 
 Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
-    : base(std::move(state.rig), {}), needed(needed_by_views(base.rig)), values(state.values) {
+    : base(std::move(state.rig), {}),
+      needed(needed_by_views(base.rig)),
+      values(state.values),
+      noise(base.rig) {
   const ParameterTable& table = base.table;
   if (values.size() != table.initial.size())
     throw std::invalid_argument(
@@ -233,18 +215,6 @@ Monitor::Parts::Parts(CalibratedState state, const MonitorOptions& options)
   known = moves * known * moves.transpose();
   test.emplace(known, std::move(drift), options.samples_between_alarms,
                static_cast<int>(columns.size()) + 1);
-  for (size_t j = 0; j < base.rig.tree.joints.size(); ++j)
-    kinds.push_back({-1, static_cast<int>(j)});
-  for (size_t k = 0; k < base.rig.sensors.size(); ++k) {
-    first_kind.push_back(static_cast<int>(kinds.size()));
-    const size_t parts = std::max<size_t>(1, base.rig.sensors[k].model->noise_parts().size());
-    for (size_t part = 0; part < parts; ++part)
-      kinds.push_back({static_cast<int>(k), static_cast<int>(part)});
-  }
-  first_kind.push_back(static_cast<int>(kinds.size()));
-  noise.resize(kinds.size());
-  variance.resize(kinds.size());
-  find_variances();
   pending.columns.reserve(columns.size());
   pending.rows.resize(static_cast<Index>(columns.size()) + 1, static_cast<Index>(columns.size()));
   pending.right.resize(static_cast<Index>(columns.size()) + 1);
@@ -269,7 +239,7 @@ bool Monitor::Parts::equations(const Sample& sample, Equations& out, std::string
   out.columns.clear();
   out.kind.clear();
   out.sensors.clear();
-  out.rest.assign(kinds.size(), {0, 0});
+  out.rest.assign(noise.kinds(), {0, 0});
   SampleForm& form = form_of(sample);
   if (!form.linearise(sample, why)) return false;
   if (form.empty()) return true;
@@ -336,40 +306,6 @@ Monitor::Monitor(const Monitor& other) : parts_(std::make_unique<Parts>(*other.p
 Monitor::Monitor(Monitor&&) noexcept = default;
 Monitor& Monitor::operator=(Monitor&&) noexcept = default;
 
-/// Sets chi2 and probabilities from the innovations.
-void Monitor::Parts::judge(const Equations& e, Innovation& out) const {
-  out.chi2 = innovations.chi2();
-  out.dof = innovations.dof();
-  double least = 1;  // probability of what a sensor shows, where its noise is known as far as it is
-  int tried = 0;
-  for (const Innovations::OfSensor& seen : innovations.sensors()) {
-    SensorInnovation sensor{seen.sensor, seen.chi2, seen.dof, 1};
-    double known_to = std::numeric_limits<double>::infinity();
-    const int first = first_kind[seen.sensor], last = first_kind[seen.sensor + 1];
-    for (int k = first; k < last; ++k)
-      if (innovations.noise()[k].seen) known_to = std::min(known_to, noise[k].known());
-    if (sensor.dof > 0) sensor.probability = f_tail(sensor.chi2 / sensor.dof, sensor.dof, known_to);
-    int parts = 1;
-    for (int k = first; k < last; ++k) {
-      const auto& [squares, residuals] = e.rest[k];
-      if (!(residuals > 0)) continue;
-      const double own = squares / variance[k];
-      sensor.probability =
-          std::min(sensor.probability, f_tail(own / residuals, residuals, noise[k].known()));
-      ++parts;
-      sensor.chi2 += own;
-      sensor.dof += residuals;
-      out.chi2 += own;
-      out.dof += residuals;
-    }
-    least = std::min(least, sensor.probability);
-    tried += parts;
-    sensor.probability = std::min(1.0, parts * sensor.probability);
-    out.sensors.push_back(sensor);
-  }
-  out.probability = std::min(1.0, tried * least);
-}
-
 /// Takes the reduced equations of an outlier, or keeps them until the next sample.
 void Monitor::Parts::take_outlier(long number, long residuals, Innovation& out) {
   const std::vector<int>& touched = at_hand.columns;
@@ -402,16 +338,14 @@ void Monitor::Parts::take_outlier(long number, long residuals, Innovation& out) 
   if (out.unexplained) test->restart({});
 }
 
-/// Takes a sample that fits, with what it tells of the noise itself: else the first samples of a
+/// Takes a sample that fits, with the noise that it shows itself: else the first samples of a
 /// noisier robot are a drift. (During an alarm what has moved would count as noise.)
-void Monitor::Parts::take_fitting(const Equations& e, long number) {
+void Monitor::Parts::take_fitting(const Equations& e, const Innovation& seen, long number) {
   pending.waits = false;
   drifting = false;
-  if (!test->alarm())
-    for (size_t k = 0; k < kinds.size(); ++k)
-      noise[k].add(innovations.noise()[k].squares, innovations.noise()[k].residuals);
-  find_variances();
-  const long residuals = innovations.reduce(e, variance);
+  if (!test->alarm()) noise.learn(innovations, seen);
+  noise.find_own(seen);
+  const long residuals = innovations.reduce(e, noise.own());
   test->look(e.columns, innovations.j(), innovations.y(), residuals);
   test->take(true, number);
 }
@@ -421,8 +355,9 @@ void Monitor::prepare(const Sample& like) {
   check(p.base.rig, p.needed, like);
   std::string why;
   if (!p.equations(like, p.at_hand, why)) return;
-  p.innovations.expect(p.at_hand, p.variance, *p.test);
-  p.innovations.reduce(p.at_hand, p.variance);
+  p.noise.find_own(p.at_hand);
+  p.innovations.expect(p.at_hand, p.noise.own(), *p.test);
+  p.innovations.reduce(p.at_hand, p.noise.own());
 }
 
 Innovation Monitor::add(const Sample& sample) {
@@ -449,18 +384,20 @@ void Monitor::add(const Sample& sample, Innovation& out) {
     out.state = SampleState::undefined;
     return;
   }
-  p.innovations.expect(e, p.variance, *p.test);
+  p.noise.find_own(e);
+  p.innovations.expect(e, p.noise.own(), *p.test);
   if (p.innovations.dof() == 0 && !e.has_rest()) {
     out.state = SampleState::tells_nothing;
     return;
   }
-  p.judge(e, out);
+  p.noise.judge(e, p.innovations, out);
   if (out.probability < kOutlier) {
     out.state = SampleState::outlier;
     ++p.outliers;
-    p.take_outlier(number, p.innovations.reduce(e, p.variance), out);
+    p.noise.find_own(out);
+    p.take_outlier(number, p.innovations.reduce(e, p.noise.own()), out);
   } else {
-    p.take_fitting(e, number);
+    p.take_fitting(e, out, number);
   }
   out.log_odds = p.test->log_statistic();
   out.alarm = p.test->alarm();
@@ -481,16 +418,7 @@ long Monitor::outliers() const { return parts_->outliers; }
 const ParameterTable& Monitor::table() const { return parts_->base.table; }
 const Rig& Monitor::rig() const { return parts_->base.rig; }
 
-std::vector<NoiseSeen> Monitor::noise() const {
-  std::vector<NoiseSeen> out;
-  for (size_t k = 0; k < parts_->kinds.size(); ++k) {
-    const auto& [sensor, part] = parts_->kinds[k];
-    const Parts::NoiseFactor& seen = parts_->noise[k];
-    if (seen.residuals > 0)
-      out.push_back({sensor, part, std::sqrt(seen.variance()), seen.residuals});
-  }
-  return out;
-}
+std::vector<NoiseSeen> Monitor::noise() const { return parts_->noise.seen(); }
 
 /// The rows have all columns in a file.
 void Monitor::Parts::transfer_pending(StateBytes& bytes) {
@@ -522,20 +450,7 @@ void Monitor::Parts::transfer(StateBytes& bytes) {
   bytes.value(drifting);
   bytes.value(pending.waits);
   if (pending.waits) transfer_pending(bytes);
-  std::vector<size_t> seen;
-  for (size_t k = 0; bytes.writes() && k < kinds.size(); ++k)
-    if (noise[k].residuals > 0) seen.push_back(k);
-  if (!bytes.writes()) std::fill(noise.begin(), noise.end(), NoiseFactor());
-  bytes.list(seen, [&](size_t& k) {
-    NoiseOf of = bytes.writes() ? kinds[k] : NoiseOf();
-    bytes.value(of.first);
-    bytes.value(of.second);
-    k = static_cast<size_t>(std::find(kinds.begin(), kinds.end(), of) - kinds.begin());
-    if (k == kinds.size()) throw std::invalid_argument("state: it is damaged");
-    bytes.value(noise[k].squares);
-    bytes.value(noise[k].residuals);
-  });
-  find_variances();
+  noise.transfer(bytes);
   test->transfer(bytes);
 }
 
@@ -563,14 +478,16 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
   std::vector<char> used(window.size(), 1);
   for (int i = 0; i < iterations; ++i) {
     std::vector<MatrixXd> all(window.size());
-    std::vector<double> rows(window.size(), 0);
+    std::vector<double> rows(window.size(), 0), alone(window.size(), 0);
     MatrixXd information = MatrixXd::Zero(n, n);
     VectorXd pull = VectorXd::Zero(n);
     for (size_t k = 0; k < window.size(); ++k) {
       Equations e;
       std::string why;
       if (!now.equations(window[k], e, why)) continue;
-      rows[k] = static_cast<double>(now.innovations.reduce(e, now.variance));
+      now.noise.find_own(e);
+      alone[k] = now.noise.misfit(e);
+      rows[k] = static_cast<double>(now.innovations.reduce(e, now.noise.own()));
       const auto j = now.innovations.j();
       all[k].setZero(j.rows(), n + 1);
       for (Index c = 0; c < j.cols(); ++c) all[k].col(e.columns[c]) = j.col(c);
@@ -589,7 +506,7 @@ Recalibration Monitor::recalibrated(const std::vector<Sample>& window,
     for (size_t k = 0; k < window.size(); ++k) {
       if (rows[k] == 0) continue;
       const double chi2 = (all[k].leftCols(n) * step + all[k].col(n)).squaredNorm();
-      misfit[k] = chi2_tail(chi2, rows[k]) >= kOutlier ? 0 : chi2 / rows[k];
+      misfit[k] = std::max(alone[k], chi2_tail(chi2, rows[k]) >= kOutlier ? 0 : chi2 / rows[k]);
     }
     const double limit = median(misfit, 0);
     out.samples = 0;

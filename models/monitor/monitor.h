@@ -12,7 +12,8 @@
 //     innovation (drift_watch.h) has the covariance of the noise, of the joints' readings and of
 //     the uncertainty that remains after the calibration and the earlier samples.
 // Each kind of noise (of a part of a sensor or of a joint's readings) has a factor over the stated
-// noise, from all samples so far; it begins at 1, as if kNoiseKnown residuals had been seen.
+// noise, from all samples so far, and each sensor's noise differs from sample to sample as it did
+// so far (noise_factors.h).
 // A sample is an outlier if one of these parts is larger than it is by chance in kOutlier of all
 // samples. A single outlier is left out. From the second in a row, the drift watch counts them, the
 // first included: outliers are isolated, and a change persists. No outlier changes the estimate. If
@@ -29,6 +30,7 @@
 
 #include "../rig/recording.h"
 #include "drift_watch.h"
+#include "sample_fit.h"
 
 namespace kincal {
 
@@ -50,40 +52,6 @@ struct MonitorOptions {
 /// Returns how many bytes a monitor of this calibration takes before its first sample, at most 5 %
 /// above, by the sizes: nothing is made. @throws std::invalid_argument: columns that do not exist
 size_t monitor_memory(const CalibratedState& state);
-
-enum class SampleState {
-  fits,
-  outlier,        // does not fit; left out unless the next ones do not fit either
-  tells_nothing,  // no view has more measurements than private unknowns
-  undefined       // cannot be evaluated: a point behind a camera, no start for a target
-};
-
-/// A SensorInnovation is the fit of one sensor to the prediction from the calibration and the
-/// sample's other sensors.
-struct SensorInnovation {
-  int sensor = -1;
-  double chi2 = 0;  // with the noise factors before this sample
-  double dof = 0;
-  double probability = 1;  // of a larger chi2
-};
-
-struct Innovation {
-  SampleState state = SampleState::fits;
-  std::string why;  // undefined
-  double chi2 = 0, dof = 0, probability = 1;
-  std::vector<SensorInnovation> sensors;
-  double log_odds = 0;       // log R of the drift watch
-  bool alarm = false;        // something has moved: Monitor::moved()
-  bool unexplained = false;  // outliers in a row, and no group that moved explains them
-};
-
-/// A NoiseSeen is a noise factor: the noise of a part of a sensor (SensorModel::noise_parts()), or
-/// of a joint's readings, over the stated one.
-struct NoiseSeen {
-  int sensor = -1;  // -1: a joint's noise
-  int part = 0;     // of the sensor, or the joint
-  double factor = 1, residuals = 0;
-};
 
 /// A Recalibration is a calibration from the last one and later samples.
 struct Recalibration {

@@ -104,7 +104,7 @@ class StateBytes {
   }
 
  private:
-  static constexpr std::uint64_t kVersion = 1, kOrder = 0x0102030405060708u;
+  static constexpr std::uint64_t kVersion = 2, kOrder = 0x0102030405060708u;
   static constexpr size_t kHead = 40;
 
   size_t left() const { return bytes_.size() - at_; }

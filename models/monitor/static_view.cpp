@@ -31,15 +31,15 @@ struct SeenPoint {
   bool outlier;
 };
 
-/// A Picture is what one sample shows.
-struct Picture {
-  std::vector<int> points;
-  Matrix2Xd pixels;
-};
-
 }  // namespace
 
 struct StaticView::Parts {
+  /// A Picture is what one sample shows.
+  struct Picture {
+    std::vector<int> points;
+    Matrix2Xd pixels;
+  };
+
   int points;
   StaticViewOptions options;
   long samples = 0;

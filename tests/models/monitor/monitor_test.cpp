@@ -4,13 +4,14 @@
 // samples by the independent forward model. Proves: innovations have the covariance that they are
 // compared with, the calibration's own uncertainty in it (100 calibrations of six samples each; far
 // from it without); a robot that stays as it was raises no alarm, and its noise factors are 1;
-// where all noise is twice the stated one they are 2, and nothing has moved; a mount that moves is
-// named, with its size and its sample, also where only some samples are outliers; one outlier is
-// left out, several that nothing explains are no drift; wrong samples are refused and change
-// nothing; a monitor that is saved and loaded goes on to the last bit, and a damaged state is
-// refused; each sample has its own conditions (approach); what a window of samples recalibrates is
-// the truth within its sigmas (50 robots), a window that does not show it says so. Does not prove:
-// rates of false alarms (drift_watch_test.cpp) and robots of many sensors
+// where all noise is twice the stated one they are 2, and nothing has moved; noise that differs
+// from sample to sample causes no outlier, and outliers and changes are found in it; a mount that
+// moves is named, with its size and its sample, also where only some samples are outliers; one
+// outlier is left out, several that nothing explains are no drift; wrong samples are refused and
+// change nothing; a monitor that is saved and loaded goes on to the last bit, and a damaged state
+// is refused; each sample has its own conditions (approach); what a window of samples recalibrates
+// is the truth within its sigmas (50 robots), a window that does not show it says so. Does not
+// prove: rates of false alarms (drift_watch_test.cpp) and robots of many sensors
 // (program/monitor_test.py).
 #include "../../../models/monitor/monitor.h"
 
@@ -105,7 +106,7 @@ TEST_CASE("monitor: innovations have the covariance that they are compared with"
   CHECK(std::abs(by_sensor / of_sensor - 1) < 4 * std::sqrt(2 / of_sensor));
   CHECK(exactly / dof > 1 + 5 * std::sqrt(2 / dof));
   REQUIRE(sensors == 200);
-  CHECK(likely > 70);
+  CHECK(likely > 55);  // noise that differs from sample to sample is possible at the first
   CHECK(likely < 130);
 }
 
@@ -140,6 +141,38 @@ TEST_CASE("monitor: all noise twice the stated one is no drift") {
     CHECK_FALSE(monitor.add(sample).alarm);
   }
   for (const NoiseSeen& n : monitor.noise()) CHECK(std::abs(n.factor - 2) < 0.35);
+}
+
+TEST_CASE("monitor: noise that differs from sample to sample") {
+  for (unsigned long seed = 0; seed < 5; ++seed) {
+    Random random(800 + seed);
+    Rig truth = real_arm();
+    Monitor monitor(calibrated(logged(truth, 30, random)));
+    const auto next = [&] {  // sigmas of sensors off by a third
+      Rig noisy = truth;
+      for (Sensor& s : noisy.sensors) {
+        const double factor = std::exp(0.3 * random.normal());
+        for (double& sigma : s.sigma) sigma *= factor;
+      }
+      Sample out = logged(noisy, 1, random)[0];
+      for (View& view : out.views) view.sigma = truth.sensors[view.sensor].sigma;
+      return out;
+    };
+    for (int n = 0; n < 300; ++n) {
+      const Innovation innovation = monitor.add(next());
+      CHECK(innovation.state == SampleState::fits);
+      CHECK_FALSE(innovation.alarm);
+    }
+    Sample wrong = next();
+    wrong.views[1].z[3] += 40;  // px
+    CHECK(monitor.add(wrong).state == SampleState::outlier);
+    truth.sensors[0].link_T_sensor =
+        truth.sensors[0].link_T_sensor * exp_se3((Vector6d() << 0, 0, 0, 0, 0.003, 0).finished());
+    bool alarm = false;
+    for (int n = 0; n < 6; ++n) alarm = monitor.add(next()).alarm;
+    REQUIRE(alarm);
+    CHECK(name_of(monitor, monitor.moved()[0]) == "sensor/tracker/pose");
+  }
 }
 
 TEST_CASE("monitor: a mount that moves") {
@@ -200,7 +233,9 @@ TEST_CASE("monitor: after an alarm nothing is forgotten") {
     CHECK(name_of(monitor, moved) == "sensor/tracker/pose");
     CHECK(std::abs(moved.since - 50) <= 8);
     CHECK(std::abs(moved.change(4) - change(4)) < 4 * moved.sigma(4));
-    for (const NoiseSeen& n : monitor.noise()) CHECK(std::abs(n.factor - 1) < 0.3);
+    // Noise may differ from sample to sample, so that some of the change counts as noise before the
+    // alarm.
+    for (const NoiseSeen& n : monitor.noise()) CHECK(std::abs(n.factor - 1) < 0.4);
   }
 }
 
