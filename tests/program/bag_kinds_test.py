@@ -177,10 +177,18 @@ class Recorded(helpers.Folder):
     def samples(self, name):
         return [json.loads(line) for line in self.read(name).splitlines()]
 
-    def record_arm(self, name, *more, samples="4"):
+    recorded = {}   # the bytes of each recording, which is made once
+
+    def record_arm(self, name, *more, samples="2"):
         recordings_test.benchmark().arm(self.dir)
+        key = (os.path.splitext(name)[1], more, samples)
+        if key in self.recorded:
+            self.write(name, self.recorded[key])
+            return
         self.run_it("simulate", "rig.yaml", "--samples", samples, "--seed", "1", "--truth", "truth_values.json", "--postures", "postures.jsonl", "--out", "sim", "--bag", name,
                     "--rest", "0.8", "--move", "0.6", "--frame-rate", "5", "--quiet", "--force", *more)
+        with open(self.path(name), "rb") as file:
+            self.recorded[key] = file.read()
 
     def import_it(self, bag, *more):
         self.run_it("import", bag, "--rig", "rig.yaml", "--out", bag + ".jsonl", "--no-offsets", "--quiet", *more)
@@ -191,7 +199,7 @@ class Kinds(Recorded):
     def test_encodings(self):
         self.record_arm("a.bag")
         given = self.import_it("a.bag")
-        self.assertEqual(len(given), 4)
+        self.assertEqual(len(given), 2)
         topics, messages = read_bag(self.path("a.bag"))
         k = [t[0] for t in topics].index("/camera/image_raw")
         ways = {"rgb8": lambda i: i.colours("rgb8"), "bgr8": lambda i: i.colours("bgr8"), "mono16": lambda i: i.deep("mono16"), "bayer_rggb8": lambda i: i.bayer("bayer_rggb8"),
@@ -226,8 +234,8 @@ class Kinds(Recorded):
     def test_jpeg(self):
         if not os.path.exists(os.path.join(os.path.dirname(KINCAL), "tests", "jpeg-of-grey")):
             self.skipTest("jpeg-of-grey is not built")
-        self.record_arm("a.bag", samples="2")
-        self.record_arm("two.mcap", samples="2")
+        self.record_arm("a.bag")
+        self.record_arm("two.mcap")
         given = self.import_it("a.bag")
         self.assertEqual(len(given), 2)
         topics, messages = read_bag(self.path("a.bag"))
@@ -279,11 +287,11 @@ class Kinds(Recorded):
         self.record_arm("a.bag")
         said = self.run_it("a.bag", "--rig", "rig.yaml", "--out", "bare.jsonl", "--quiet", program=bare)
         self.assertIn("images are in bare.jsonl.images: this program was built without target detection; run `kincal detect` on the samples", said)
-        self.assertEqual(len(os.listdir(self.path("bare.jsonl.images"))), 4)
+        self.assertEqual(len(os.listdir(self.path("bare.jsonl.images"))), 2)
         self.assertTrue(all("pixels" not in v for s in self.samples("bare.jsonl") for v in s["views"]))
         self.run_it("detect", "rig.yaml", "bare.jsonl", "--out", "found.jsonl", "--quiet")
         given, got = self.import_it("a.bag"), self.samples("found.jsonl")
-        self.assertEqual(len(got), 4)
+        self.assertEqual(len(got), 2)
         for a, b in zip(got, given):
             for j, value in b["joints"].items():
                 self.assertLess(abs(a["joints"][j] - value), 3 * b["joint_sigma"][j])
@@ -345,7 +353,7 @@ class Clocks(Recorded):
     def test_apart(self):
         """Computers without a common clock: the whole table is in benchmarks/clocks.py."""
         self.module.simulate(KINCAL, self.dir, 1, 10)
-        for apart, rewritten in ((0.4, True), (1.3, True), (-5, False), (37, True), (300, False)):
+        for apart, rewritten in helpers.some(((0.4, True), (300, False), (1.3, True), (-5, False), (37, True)), 2):
             self.module.with_clock(self.path("a.bag"), self.path("moved.bag"), apart, rewritten, 1)
             came, about = self.module.judged(KINCAL, self.dir, self.path("moved.bag"), apart)
             self.assertEqual(came, "found", (apart, rewritten, about))
@@ -418,7 +426,7 @@ class Killed(Recorded):
         subprocess.run(command, check=True, **quiet)
         took, new, seen = time.monotonic() - start, self.read("samples.jsonl"), []
         random.seed(7)
-        for _ in range(int(os.environ.get("KINCAL_KILLS", "10"))):
+        for _ in range(int(os.environ.get("KINCAL_KILLS", "10" if helpers.SLOW else "4"))):
             self.write("samples.jsonl", "old\n")
             p = subprocess.Popen(command, **quiet)
             time.sleep(random.uniform(0, 1.2 * took))

@@ -6,6 +6,7 @@ cannot be used are named and counted and end nothing; equal boards in one pictur
 same bytes; without kincal-detect the program says what to install.
 """
 
+import functools
 import json
 import os
 import shutil
@@ -39,6 +40,7 @@ def corners(angle, x, y):
     return [[x + SIDE * (c * i - s * j), y + SIDE * (s * i + c * j)] for j in range(5) for i in range(8)]
 
 
+@functools.lru_cache(maxsize=None)
 def picture(angle, x, y, width=400, height=300, fine=5, wave=0):
     step = (numpy.arange(fine) + 0.5) / fine - 0.5
     u = (numpy.arange(width)[:, None] + step).ravel()[None, :] - x

@@ -1,4 +1,4 @@
-"""What several tests of the program share: a folder of a test's own, an arm's URDF, and a process that ends with its test."""
+"""What several tests of the program share: a folder of a test's own, an arm's URDF, a process that ends with its test, and what only scripts/test-all runs."""
 
 import os
 import shutil
@@ -6,8 +6,20 @@ import subprocess
 import tempfile
 import unittest
 
+SLOW = bool(os.environ.get("KINCAL_SLOW"))   # set by scripts/test-all
+
 # Origin and axis of the joints of an arm with six axes.
 ARM = [("0 0 0.3", "0 0 1"), ("0.05 0 0.1", "0 1 0"), ("0.4 0 0", "0 1 0"), ("0.3 0 0.05", "1 0 0"), ("0.1 0 0", "0 1 0"), ("0.08 0 0", "1 0 0")]
+
+
+def slow(reason):
+    """A test for scripts/test-all alone; the reason is what proves its path in scripts/test."""
+    return unittest.skipUnless(SLOW, "scripts/test-all sets KINCAL_SLOW; " + reason)
+
+
+def some(values, count):
+    """All of the values in scripts/test-all, else the first ones: seeds and the like, of which each takes the same path."""
+    return list(values) if SLOW else list(values)[:count]
 
 
 class Folder(unittest.TestCase):

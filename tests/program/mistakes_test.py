@@ -16,6 +16,7 @@ import sys
 import tempfile
 import unittest
 
+import helpers
 from cli_test import axis_angle, frame, move, mul
 
 SOURCE_DIR = KINCAL = FOLDER = None
@@ -173,7 +174,7 @@ class Readings(Case):
         names = ["base_yaw", "shoulder", "elbow", "roll", "wrist", "flange_turn"]
         for given, right, words in ((names, sorted(names), "stand in the names' alphabetical order"), (sorted(names), names, "under the names in alphabetical order"),
                                     (names, names[::-1], "stand in reversed order")):
-            for name in ("room", "tool"):
+            for name in helpers.some(("room", "tool"), 1):
                 scene = Scene(name)
                 for k, joint in enumerate(names, 1):
                     scene.urdf = scene.urdf.replace('<joint name="j%d"' % k, '<joint name="%s"' % joint)
@@ -254,7 +255,7 @@ class Readings(Case):
         return scene
 
     def test_shifted_where_pictures_were_lost(self):
-        for name in ("room", "tool"):
+        for name in helpers.some(("tool", "room"), 1):
             for by in (1, -1):
                 with self.subTest(name, by=by):
                     scene = Scene(name)
@@ -266,7 +267,7 @@ class Readings(Case):
                     self.one(scene.check(), "shifted", [], "one of the two logs starts a sample too")
 
     def test_rows_in_another_order(self):
-        for name in ("room", "tool"):
+        for name in helpers.some(("room", "tool"), 1):
             n = len(Scene(name).samples)
             with self.subTest(name, order="reversed"):
                 self.one(self.give(Scene(name), range(n)[::-1]).check(), "shifted", [], "one of the two is in reversed order")

@@ -13,6 +13,8 @@ import sys
 import tempfile
 import unittest
 
+import helpers
+
 SOURCE_DIR = KINCAL = None
 AT = 70  # sample from which on something has moved
 
@@ -92,6 +94,7 @@ class Monitor(unittest.TestCase):
     def test_baseline(self):
         self.moved({"sensor/narrow_right/baseline": 0.0916}, "sensor/narrow_right/baseline", "sensor/narrow_right/baseline", 0.0005, 0.0001)
 
+    @helpers.slow("test_baseline takes the same way")
     def test_joint(self):
         name = "joint/l_shoulder_lift_joint/offset"
         self.moved({name: self.truth["parameters"][name] + 0.005}, name, name, 0.005, 0.0015)

@@ -20,8 +20,10 @@ import sys
 import tempfile
 import unittest
 
+import helpers
+
 SOURCE_DIR = KINCAL = DATA = None
-SEEDS = int(os.environ.get("KINCAL_SEEDS", "3"))
+SEEDS = int(os.environ.get("KINCAL_SEEDS", "3" if helpers.SLOW else "1"))
 
 
 class Case(unittest.TestCase):
@@ -244,9 +246,9 @@ class Simulated(Case):
                 f.write(text.replace("    free:", "    loss: {cauchy: 3.0, scale: %s}\n    free:" % scale))
         path = self.write(samples)
         robust = self.calibrate(rigs["data"], path)
-        plain = self.calibrate(self.rig, path, code=(0, 3, 5))
         self.assertLess(math.sqrt(self.error(robust, clean, truth)), 2)
-        self.assertGreater(math.sqrt(self.error(plain, clean, truth)), 5)
+        if helpers.SLOW:   # test_points has such a fit
+            self.assertGreater(math.sqrt(self.error(self.calibrate(self.rig, path, code=(0, 3, 5)), clean, truth)), 5)
         for scale, complaint in (("dta", "'sigma' or 'data' is expected, not 'dta'"), ("[1]", "scale")):
             code, _, err = self.kincal("calibrate", rigs[scale], path, "--out", os.path.join(self.dir, "never"))
             self.assertEqual(code, 1)

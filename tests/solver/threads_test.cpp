@@ -22,7 +22,7 @@ namespace threads_test {
 using namespace kincal;
 using namespace kincal::fixture;
 
-TEST_CASE("threads: a crew does every piece once, many times") {
+TEST_CASE("threads: a crew does every piece once, many times", "[slow]") {
   for (const int threads : {1, 2, 3, 4}) {
     ThreadPool pool(threads);
     REQUIRE(pool.size() == threads);

@@ -179,14 +179,20 @@ std::vector<VerifiedView> corners(double sigma) {
 }  // namespace
 
 TEST_CASE("verify: robots near their tolerance, by positions") { check_decisions(kPositions, 150); }
-TEST_CASE("verify: robots near their tolerance, refitted") { check_decisions(kRefitted, 150); }
-TEST_CASE("verify: robots near their tolerance, by distances") { check_decisions(kDistances, 150); }
-TEST_CASE("verify: robots near their tolerance, by rotations") { check_decisions(kRotations, 400); }
-TEST_CASE("verify: robots near their tolerance, five postures") {
+TEST_CASE("verify: robots near their tolerance, refitted", "[slow]") {
+  check_decisions(kRefitted, 150);
+}
+TEST_CASE("verify: robots near their tolerance, by distances", "[slow]") {
+  check_decisions(kDistances, 150);
+}
+TEST_CASE("verify: robots near their tolerance, by rotations", "[slow]") {
+  check_decisions(kRotations, 400);
+}
+TEST_CASE("verify: robots near their tolerance, five postures", "[slow]") {
   check_decisions(kPositions, 150, {5});
   check_decisions(kDistances, 150, {5});
 }
-TEST_CASE("verify: robots near their tolerance, by the largest error") {
+TEST_CASE("verify: robots near their tolerance, by the largest error", "[slow]") {
   for (const Figure& figure : {kPositions, kRotations, kDistances}) check_largest(figure, 400);
 }
 TEST_CASE("verify: 1000 robots near their tolerance", "[.]") {  // with -s it says the rates
