@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "../../solver/observability.h"
+#include "../fixtures/dense.h"
 #include "../fixtures/random.h"
 
 namespace decompositions_test {
@@ -88,7 +89,7 @@ TEST_CASE("decompositions: singular values") {
 TEST_CASE("decompositions: singular values of which many are the same, as where there are gauges") {
   Random random(12);
   const auto orthogonal = [&](Eigen::Index n) {
-    return MatrixXd(Eigen::HouseholderQR<MatrixXd>(random_matrix(random, n, n)).householderQ());
+    return fixture::dense::orthogonal(random_matrix(random, n, n));
   };
   for (int n = 20; n < 60; ++n) {
     VectorXd values = VectorXd::Ones(n);
@@ -122,7 +123,7 @@ TEST_CASE("decompositions: least squares") {
   CHECK(largest(a.transpose() * (a * plain - b)) < 1e-11);
   CHECK((plain.array() == 0).count() == 2);
   CHECK(largest(a.transpose() * (a * shortest - b)) < 1e-11);
-  const MatrixXd null = Eigen::FullPivLU<MatrixXd>(a).setThreshold(1e-9).kernel();
+  const MatrixXd null = fixture::dense::kernel(a, 1e-9);
   REQUIRE(null.cols() == 2);
   CHECK(largest(null.transpose() * shortest) < 1e-12);
   VectorXd x = VectorXd::Constant(2, 7);

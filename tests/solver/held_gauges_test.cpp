@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "../../solver/observability.h"
+#include "../fixtures/dense.h"
 #include "../fixtures/random.h"
 
 namespace held_gauges_test {
@@ -106,7 +107,8 @@ MatrixXd exact_covariance(const MatrixXd& data, const MatrixXd& priors, int held
   MatrixXd normal = j.transpose() * j;
   const VectorXd scale = normal.diagonal().cwiseSqrt().cwiseInverse();
   normal = scale.asDiagonal() * normal * scale.asDiagonal();
-  const MatrixXd inverse = normal.llt().solve(MatrixXd::Identity(4 + held, 4 + held));
+  const MatrixXd inverse =
+      fixture::dense::llt_solve(normal, MatrixXd::Identity(4 + held, 4 + held));
   return to * (scale.asDiagonal() * inverse * scale.asDiagonal()) * to.transpose();
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "../../solver/kernels.h"
+#include "../fixtures/dense.h"
 
 namespace kernels_test {
 
@@ -103,7 +104,7 @@ TEST_CASE("kernels: subtract_product, cholesky and its solutions") {
       const MatrixXd root = random(engine, n + 5, n), spd = root.transpose() * root;
       MatrixXd factor = with_slack(spd);
       REQUIRE(k->cholesky(factor.data(), n, static_cast<int>(factor.rows())));
-      const MatrixXd l = spd.llt().matrixL();
+      const MatrixXd l = fixture::dense::lower(spd);
       for (int j = 0; j < n; ++j) {
         CHECK(1 / factor(j, j) == Approx(l(j, j)).epsilon(1e-10));
         for (int i = j + 1; i < n; ++i)

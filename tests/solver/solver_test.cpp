@@ -21,6 +21,7 @@
 #include "../../solver/elimination.h"
 #include "../../solver/levenberg_marquardt.h"
 #include "../../solver/observability.h"
+#include "../fixtures/dense.h"
 #include "../fixtures/forward_model.h"
 #include "../fixtures/problem.h"
 #include "../fixtures/random.h"
@@ -103,7 +104,7 @@ bool in_span(const Names& direction, const std::vector<Names>& basis) {
     for (const auto& [name, c] : basis[k]) a(row[name], static_cast<Eigen::Index>(k)) = c;
   for (const auto& [name, c] : direction) b(row[name]) = c;
   if (basis.empty()) return false;
-  const VectorXd x = a.colPivHouseholderQr().solve(b);
+  const VectorXd x = dense::qr_solve(a, b);
   return (a * x - b).norm() < 1e-5 * b.norm();
 }
 
@@ -686,9 +687,8 @@ MatrixXd dense_covariance(const Stacked& stacked, int shared) {
   // By a QR of the whole, columns scaled.
   const VectorXd norm = stacked.j.colwise().norm();
   const MatrixXd scaled = stacked.j * norm.cwiseInverse().asDiagonal();
-  const Eigen::HouseholderQR<MatrixXd> qr(scaled);
   const Eigen::Index n = stacked.j.cols();
-  const MatrixXd r = qr.matrixQR().topRows(n).triangularView<Eigen::Upper>();
+  const MatrixXd r = dense::upper(scaled);
   const MatrixXd inverse_r =
       norm.cwiseInverse().asDiagonal() *
       MatrixXd(r.triangularView<Eigen::Upper>().solve(MatrixXd::Identity(n, n)));
@@ -764,12 +764,12 @@ TEST_CASE("observability: a free target that its sample does not determine is el
     // singular values.
     const Stacked stacked = stack(*s.problem, state);
     const MatrixXd own = stacked.j.leftCols(stacked.privates), shared = stacked.j.rightCols(6);
-    Eigen::JacobiSVD<MatrixXd> svd(own, Eigen::ComputeThinU);
-    const long rank = (svd.singularValues().array() > 1e-9 * svd.singularValues()(0)).count();
+    const dense::Svd svd = dense::svd(own);
+    const long rank = (svd.values.array() > 1e-9 * svd.values(0)).count();
     CHECK(rank == (with_board ? 4 * 3 + 3 * 5 + 6 : 4 * 3 + 3 * 5));
-    const MatrixXd range = svd.matrixU().leftCols(rank);
+    const MatrixXd range = svd.u.leftCols(rank);
     const MatrixXd rest = shared - range * (range.transpose() * shared);
-    const MatrixXd expected = (rest.transpose() * rest).inverse();
+    const MatrixXd expected = dense::inverse(rest.transpose() * rest);
     for (int i = 0; i < 6; ++i)
       for (int j = 0; j < 6; ++j)
         CHECK(std::abs(o.covariance(i, j) - expected(i, j)) <
@@ -873,7 +873,7 @@ TEST_CASE(
       const Stacked stacked = stack(*s.problem, state);
       const VectorXd norm = stacked.j.colwise().norm().cwiseMax(1e-300);
       const MatrixXd scaled = stacked.j * norm.cwiseInverse().asDiagonal();
-      const VectorXd step = Eigen::ColPivHouseholderQR<MatrixXd>(scaled).solve(stacked.r);
+      const VectorXd step = dense::qr_solve(scaled, stacked.r);
       CHECK((scaled * step).norm() < 1e-5);
       // The cost reported is the cost there.
       Cost sum;

@@ -16,6 +16,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "../../fixtures/dense.h"
 #include "../../fixtures/random.h"
 
 namespace leverage_test {
@@ -138,13 +139,13 @@ TEST_CASE("outliers: influences equal least squares without the group") {
     groups.push_back(shape);
   }
   // At the solution: subtract it.
-  const VectorXd x = all.leftCols(n).colPivHouseholderQr().solve(all.col(n));
+  const VectorXd x = fixture::dense::qr_solve(all.leftCols(n), all.col(n));
   all.col(n) -= all.leftCols(n) * x;
   for (size_t g = 0; g < groups.size(); ++g)
     left[g].col(left[g].cols() - 1) = all.col(n).segment(4 * static_cast<Eigen::Index>(g), 4);
   Observability observability;
-  observability.covariance = (all.leftCols(n).transpose() * all.leftCols(n)).inverse();
-  observability.root = observability.covariance.llt().matrixL();
+  observability.covariance = fixture::dense::inverse(all.leftCols(n).transpose() * all.leftCols(n));
+  observability.root = fixture::dense::lower(observability.covariance);
   const std::vector<Influence> found = influences(groups, rows_of(left), observability, 0);
   CHECK(std::is_sorted(found.begin(), found.end(), [](const Influence& a, const Influence& b) {
     return std::abs(a.sigmas) > std::abs(b.sigmas);

@@ -10,6 +10,7 @@
 
 #include "../../../solver/levenberg_marquardt.h"
 #include "../../../solver/observability.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/problem.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -101,8 +102,7 @@ TEST_CASE("noise levels: Helmert's equations, written out") {
         weight(row) = std::pow(all.r(row) / views[next].whitened(i), 2);
     at += s.problem->groups()[g].rows;
   }
-  const Eigen::HouseholderQR<MatrixXd> qr(all.j);
-  const MatrixXd q = qr.householderQ() * MatrixXd::Identity(all.j.rows(), all.j.cols());
+  const MatrixXd q = fixture::dense::basis(all.j);
   const MatrixXd h = q * q.transpose();
   const int n = static_cast<int>(levels.size());
   MatrixXd helmert = MatrixXd::Zero(n, n);

@@ -23,6 +23,7 @@
 #include "../../../models/estimation/estimation.h"
 #include "../../../models/rig/parameters.h"
 #include "../../../models/simulation/simulation.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
@@ -276,9 +277,8 @@ TEST_CASE("frames: predicted sigma against parameters drawn from the covariance 
 
   Estimation problem(*result.recording, result.training(), result.setup);
   const VectorXd state = problem.pack(result.values);
-  Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(result.covariance);
-  const MatrixXd root =
-      eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+  const fixture::dense::Spectrum eigen = fixture::dense::spectrum(result.covariance);
+  const MatrixXd root = eigen.vectors * eigen.values.cwiseMax(0).cwiseSqrt().asDiagonal();
   Random random(5);
   double position = 0, rotation = 0, position_read = 0, rotation_read = 0;
   constexpr int kDraws = 1500;

@@ -21,6 +21,7 @@
 #include "../../../models/analysis/frames.h"
 #include "../../../models/analysis/noise_levels.h"
 #include "../../../models/design/design.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -248,7 +249,8 @@ TEST_CASE("automatic: more data lower the error that is predicted") {
     MatrixXd own = MatrixXd::Zero(all.rows(), all.cols());
     add_information({rows[i]}, own);
     const DesignGoal here = sight_goal(robot, {solution.samples()[i]});
-    hidden += (here.weight * (MatrixXd((all - own).inverse()) - MatrixXd(all.inverse()))).trace() /
+    hidden += (here.weight * (fixture::dense::inverse(all - own) - fixture::dense::inverse(all)))
+                  .trace() /
               static_cast<double>(rows.size());
   }
   CHECK(hidden > 0.001 * predicted);  // (beyond rounding: most of the error is in held lengths)

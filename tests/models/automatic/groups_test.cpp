@@ -15,6 +15,7 @@
 #include <map>
 #include <set>
 
+#include "../../fixtures/dense.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -176,11 +177,7 @@ MatrixXd derivatives(const Rig& rig, const ParameterTable& table,
   return out;
 }
 
-long rank(const MatrixXd& m) {
-  Eigen::ColPivHouseholderQR<MatrixXd> qr(m);
-  qr.setThreshold(1e-7);
-  return qr.rank();
-}
+long rank(const MatrixXd& m) { return fixture::dense::qr_rank(m, 1e-7); }
 
 /// Checks that with the mounts and offsets nothing of the origins between sensors and targets is
 /// missing, and that every origin there has all its numbers but its own axis'.

@@ -19,6 +19,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "../../fixtures/dense.h"
 #include "../../fixtures/random.h"
 
 namespace widths_test {
@@ -67,7 +68,7 @@ double log_evidence(const Linear& l, const VectorXd& factor, const std::vector<i
   if (k) {
     MatrixXd b(m, k);
     for (Eigen::Index i = 0; i < k; ++i) b.col(i) = l.a.col(open[i]);
-    q = MatrixXd(Eigen::HouseholderQR<MatrixXd>(b).householderQ()).rightCols(m - k).eval();
+    q = fixture::dense::orthogonal(b).rightCols(m - k).eval();
   }
   MatrixXd s = MatrixXd::Identity(m - k, m - k);
   for (const Eigen::Index i : prior) {
@@ -75,8 +76,8 @@ double log_evidence(const Linear& l, const VectorXd& factor, const std::vector<i
     s += column * column.transpose();
   }
   const VectorXd y = q.transpose() * l.y;
-  const Eigen::FullPivLU<MatrixXd> lu(s);
-  return -0.5 * y.dot(lu.solve(y)) - 0.5 * lu.matrixLU().diagonal().array().abs().log().sum();
+  return -0.5 * y.dot(fixture::dense::full_inverse(s) * y) -
+         0.5 * fixture::dense::log_determinant(s);
 }
 
 /// The unknowns' means and covariance, those of `at_zero` being exactly 0.
@@ -99,7 +100,7 @@ Dense solve(const Linear& l, const VectorXd& factor, const std::vector<int>& at_
       h(r, static_cast<Eigen::Index>(j)) = l.a.col(kept[i]).dot(l.a.col(kept[j]));
     if (t(kept[i]) > 0) h(r, r) += 1 / (t(kept[i]) * t(kept[i]));
   }
-  const MatrixXd inverse = h.fullPivLu().inverse();
+  const MatrixXd inverse = fixture::dense::full_inverse(h);
   const VectorXd x = inverse * b;
   Dense out{VectorXd::Zero(n), MatrixXd::Zero(n, n)};
   for (size_t i = 0; i < kept.size(); ++i) {
@@ -327,7 +328,7 @@ TEST_CASE("widths: groups are held one after the other, each judged beside those
 namespace {
 
 double smallest_eigenvalue(const MatrixXd& m) {
-  return Eigen::SelfAdjointEigenSolver<MatrixXd>(m).eigenvalues().minCoeff();
+  return fixture::dense::spectrum(m).values.minCoeff();
 }
 
 }  // namespace
@@ -361,8 +362,8 @@ TEST_CASE("widths: what is held is solved for as if it were fixed, and counts in
       const MatrixXd wider = selection.second_moment - fixed.covariance - p * off;
       CHECK(smallest_eigenvalue(wider) > -1e-9 * off.trace());
       CHECK(wider.trace() < 3 * (all.covariance.trace() + off.trace()));
-      const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(selection.second_moment);
-      CHECK(eigen.eigenvalues().minCoeff() > -1e-12 * eigen.eigenvalues().maxCoeff());
+      const VectorXd eigen = fixture::dense::spectrum(selection.second_moment).values;
+      CHECK(eigen.minCoeff() > -1e-12 * eigen.maxCoeff());
       CHECK((selection.second_moment.diagonal() - fixed.covariance.diagonal()).minCoeff() > -1e-15);
     }
 }

@@ -21,6 +21,7 @@
 #include "../../../models/bundle_adjustment/bundle_adjustment.h"
 #include "../../../solver/kernels.h"
 #include "../../../solver/levenberg_marquardt.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
@@ -489,7 +490,7 @@ double dense_minimum(BundleAdjustmentData d) {
     for (bool better = false; !better;) {
       MatrixXd h = j.transpose() * j;
       h.diagonal() += lambda * scale;
-      const VectorXd step = h.ldlt().solve(-(j.transpose() * r));
+      const VectorXd step = fixture::dense::ldlt_solve(h, -(j.transpose() * r));
       BundleAdjustmentData next = d;
       for (size_t k = 0; k < d.cameras.size(); ++k)
         next.cameras[k] += step(static_cast<Eigen::Index>(k));

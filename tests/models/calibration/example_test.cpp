@@ -17,6 +17,7 @@
 #include "../../../io/rig/samples_file.h"
 #include "../../../io/rig/simulation_file.h"
 #include "../../../models/simulation/simulation.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/study.h"
 
 namespace example_test {
@@ -80,7 +81,7 @@ VectorXd errors(const Solution& result, const ParameterTable& table, const Vecto
 }
 
 double nees(const Solution& result, const VectorXd& e) {
-  return e.dot(result.covariance.ldlt().solve(e));
+  return fixture::dense::weighted_square(e, result.covariance);
 }
 
 }  // namespace
@@ -151,7 +152,7 @@ TEST_CASE("example: latent mode is honest over many seeds", "[example][statistic
 }
 
 TEST_CASE("example: latent mode is honest with ten times the joint noise, and with priors",
-          "[example][statistics]") {
+          "[example][statistics][slow]") {
   // Joint errors of 10 mrad are no small ones any more: 8 mm at the hand.
   Laboratory noisy;
   noisy.rig.steps = {noisy.rig.steps.back()};
@@ -187,7 +188,7 @@ TEST_CASE("example: latent mode is honest with ten times the joint noise, and wi
   CHECK(std::abs(prior.within_two - 0.9545) < (kSeeds < 200 ? 0.05 : 0.02));
 }
 
-TEST_CASE("example: the other noise modes are not", "[example][statistics]") {
+TEST_CASE("example: the other noise modes are not", "[example][statistics][slow]") {
   Laboratory lab;
   lab.rig.steps = {lab.rig.steps.back()};
   const int seeds = kSeeds / 4;

@@ -17,6 +17,7 @@
 
 #include "../../../models/calibration/calibration.h"
 #include "../../../models/design/clearance.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -45,7 +46,7 @@ struct Choices {
         rows.col(candidates[i].columns[c]) = candidates[i].rows.col(static_cast<long>(c));
       information += rows.transpose() * rows;
     }
-    return std::sqrt((goal.weight * information.inverse()).trace());
+    return std::sqrt((goal.weight * fixture::dense::inverse(information)).trace());
   }
 };
 
@@ -241,7 +242,7 @@ TEST_CASE("design: rows of samples give the covariance of their calibration") {
   const CalibratedRobot robot{&solution.rig(), &solution.table(), solution.values.shared, unknowns};
   MatrixXd information = MatrixXd::Zero(7, 7);
   add_information(sample_rows(robot, solution.setup, samples, {}, {}), information);
-  const MatrixXd covariance = information.inverse();
+  const MatrixXd covariance = fixture::dense::inverse(information);
   // (The calibration linearises at the errors of the readings that it found, these rows at none.)
   CHECK((covariance - solution.covariance).norm() < 1e-2 * solution.covariance.norm());
   // Before any sample every component is known to its usual error.

@@ -20,6 +20,7 @@
 
 #include "../../../models/rig/parameters.h"
 #include "../../../solver/levenberg_marquardt.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/open_recording.h"
 #include "../../fixtures/random.h"
@@ -340,8 +341,7 @@ void check_views(const Scene& s, Estimation& problem, NoiseMode mode) {
     MatrixXd raw(n, sheet.raw.cols() + 1), whitened(n, sheet.raw.cols() + 1);
     raw << sheet.raw.middleRows(raw_row, n), by_hand;
     whitened << sheet.analytic.middleRows(row, n), v.whitened;
-    const Eigen::LDLT<MatrixXd> ldlt(c);
-    const MatrixXd expected = raw.transpose() * ldlt.solve(raw);
+    const MatrixXd expected = raw.transpose() * fixture::dense::ldlt_solve(c, raw);
     // The residual column of the explicit rows may stand in other axes than `whitened`: it is
     // compared by its products.
     MatrixXd r_column;
@@ -372,9 +372,9 @@ void schur_by_hand(const Estimation& problem, const Stacked& stacked, MatrixXd& 
     const MatrixXd p = own.transpose() * own, q = own.transpose() * shared;
     const VectorXd a = own.transpose() * stacked.r;
     const VectorXd d = p.diagonal().cwiseSqrt().cwiseInverse();
-    const Eigen::LLT<MatrixXd> llt(d.asDiagonal() * p * d.asDiagonal());
-    REQUIRE(llt.info() == Eigen::Success);
-    const MatrixXd solved = d.asDiagonal() * llt.solve(d.asDiagonal() * q);
+    const MatrixXd scaled = d.asDiagonal() * p * d.asDiagonal();
+    REQUIRE(fixture::dense::is_positive(scaled));
+    const MatrixXd solved = d.asDiagonal() * fixture::dense::llt_solve(scaled, d.asDiagonal() * q);
     matrix -= q.transpose() * solved;
     gradient -= solved.transpose() * a;
   }

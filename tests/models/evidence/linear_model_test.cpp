@@ -17,6 +17,7 @@
 
 #include "../../../models/evidence/evidence.h"
 #include "../../../models/rig/random_stream.h"
+#include "../../fixtures/dense.h"
 
 namespace linear_model_test {
 
@@ -99,8 +100,8 @@ struct Toy {
       covariance(i, i) = std::exp(2 * u(kind[data[i]]));
     }
     covariance += j * prior.asDiagonal() * j.transpose();
-    const Eigen::LLT<MatrixXd> llt(covariance);
-    return -0.5 * z.dot(llt.solve(z)) - MatrixXd(llt.matrixL()).diagonal().array().log().sum();
+    return -0.5 * z.dot(fixture::dense::llt_solve(covariance, z).col(0)) -
+           fixture::dense::lower(covariance).diagonal().array().log().sum();
   }
 };
 

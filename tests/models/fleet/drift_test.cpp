@@ -14,6 +14,7 @@
 #include <cmath>
 
 #include "../../../models/rig/random_stream.h"
+#include "../../fixtures/dense.h"
 
 namespace drift_test {
 
@@ -76,7 +77,7 @@ TEST_CASE("drift: slopes, steps and sigmas are those of the whole fit") {
             (line ? times[t] - 50.4 : t >= number.from) * r.col(number.number);
         z.segment(12 * t, 12) = all[t].seen;
       }
-      const MatrixXd covariance = (a.transpose() * a).inverse();
+      const MatrixXd covariance = fixture::dense::inverse(a.transpose() * a);
       const VectorXd fit = covariance * a.transpose() * z;
       const Slope& slope = line ? number.line : number.change;
       CHECK(slope.value == Approx(fit(5)).epsilon(1e-4));

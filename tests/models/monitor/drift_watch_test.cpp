@@ -7,6 +7,7 @@
 // estimate that is the dense one of the model with the change; wrong sizes are refused. Does not
 // prove: that the equations of a robot's samples are such (monitor_test.cpp).
 #include "../../../models/monitor/drift_watch.h"
+#include "../../fixtures/dense.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -33,8 +34,8 @@ class Equations {
       next();
       information += j.transpose() * j;
     }
-    covariance = information.inverse();
-    const MatrixXd root = covariance.llt().matrixL();
+    covariance = fixture::dense::inverse(information);
+    const MatrixXd root = fixture::dense::lower(covariance);
     difference = root * normal(kColumns);
   }
 
@@ -76,19 +77,19 @@ void add(DriftWatch& test, const Equations& e, long sample, bool learn = true) {
 TEST_CASE("drift watch: innovations and the estimate against dense ones") {
   Equations e(3);
   DriftWatch test(e.covariance, groups(), 1e9, kRows);
-  MatrixXd information = e.covariance.inverse();
+  MatrixXd information = fixture::dense::inverse(e.covariance);
   VectorXd pull = VectorXd::Zero(kColumns);
   for (long i = 0; i < 30; ++i) {
     e.next();
-    const MatrixXd known = information.inverse();
+    const MatrixXd known = fixture::dense::inverse(information);
     const MatrixXd s = MatrixXd::Identity(kRows, kRows) + e.j * known * e.j.transpose();
     const VectorXd v = e.y - e.j * known * pull;
-    CHECK(test.look(e.j, e.y) == Approx(v.dot(s.inverse() * v)));
+    CHECK(test.look(e.j, e.y) == Approx(v.dot(fixture::dense::inverse(s) * v)));
     test.take(true, i);
     information += e.j.transpose() * e.j;
     pull += e.j.transpose() * e.y;
   }
-  const MatrixXd known = information.inverse();
+  const MatrixXd known = fixture::dense::inverse(information);
   CHECK((test.covariance() - known).norm() < 1e-9 * known.norm());
   CHECK((test.mean() - known * pull).norm() < 1e-9);
   // What is not learnt from changes neither.
@@ -181,7 +182,7 @@ TEST_CASE("drift watch: an accepted change is part of the estimate") {
   CHECK_FALSE(test.alarm());
   MatrixXd prior = before;
   prior(7, 7) += kWidth * kWidth;
-  const MatrixXd known = (prior.inverse() + information).inverse();
+  const MatrixXd known = fixture::dense::inverse(fixture::dense::inverse(prior) + information);
   CHECK((test.covariance() - known).norm() < 1e-8 * known.norm());
   CHECK((test.mean() - mean - known * pull).norm() < 1e-8);
   CHECK(std::abs(test.mean()(7) - e.difference(7)) < 4 * std::sqrt(known(7, 7)));

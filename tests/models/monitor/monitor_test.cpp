@@ -20,6 +20,7 @@
 #include <limits>
 
 #include "../../../models/calibration/calibration.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
 #include "../../fixtures/samples.h"
@@ -375,7 +376,7 @@ TEST_CASE("monitor: recalibration by a window") {
         get_pose(done.state.values, monitor.table().all[monitor.table().sensor_pose[0]].start);
     const Vector6d off = log_se3(inverse(truth.sensors[0].link_T_sensor) * found);
     const Matrix6d covariance = done.state.covariance(columns, columns);
-    squares += off.dot(covariance.ldlt().solve(off));
+    squares += fixture::dense::weighted_square(off, covariance);
     if (seed > 0) continue;
     // It is a calibration, which can be watched, and knows what the first one did not.
     Monitor next(done.state);

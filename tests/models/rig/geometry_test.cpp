@@ -10,6 +10,7 @@
 
 #include "../../../models/rig/parameters.h"
 #include "../../../models/rig/selection.h"
+#include "../../fixtures/dense.h"
 #include "../../fixtures/forward_model.h"
 #include "../../fixtures/random.h"
 #include "../../fixtures/rigs.h"
@@ -222,9 +223,7 @@ TEST_CASE("geometry: what is kept is independent, and spans everything that orig
       MatrixXd m(columns[0].size(), static_cast<Eigen::Index>(columns.size()));
       for (size_t i = 0; i < columns.size(); ++i)
         m.col(static_cast<Eigen::Index>(i)) = columns[i].normalized();
-      Eigen::JacobiSVD<MatrixXd> svd(m);
-      svd.setThreshold(1e-6);
-      return svd.rank();
+      return fixture::dense::svd_rank(m, 1e-6);
     };
     const Eigen::Index of_ends = rank(ends, {}), with_kept = rank(ends, kept);
     CHECK(with_kept == of_ends + static_cast<Eigen::Index>(kept.size()));
