@@ -51,12 +51,9 @@ const char* const kFooter =
     "  kincal verify result new_samples.jsonl --out certificate   is it as accurate as claimed?\n"
     "  kincal fleet results --out fleet                           find robots unlike the others, "
     "and drift\n"
-    "Exit codes: 0 converged; 1 bad input or usage, nothing written; 2 a combination of parameters "
-    "is not determined by the data (see the\n"
-    "warnings); 3 a step did not converge; 4 a required tolerance is not met; 5 the model does not "
-    "explain the data; 130\n"
-    "interrupted, nothing written. With 2 to 5 results are written and marked. batch: 0 all\n"
-    "sets converged; 1 some did not; 130 interrupted, finished results are kept.";
+    "Exit codes: 0 done; 1 bad input or usage, nothing written; 130 interrupted, nothing "
+    "half-written; others: "
+    "see the --help of each command.";
 
 /// The first argument that looks like an option and is none, with the nearest ones that there are;
 /// else "".

@@ -708,7 +708,7 @@ def moved(model, result, header, name, step):
         raise ValueError("covariance.csv has %s, of which this script knows nothing" % name)
     parameter, delta = "%s/%s/%s" % (kind, owner, what), np.zeros(6)
     delta[COMPONENTS.index(component)] = step
-    if all("%s.%s" % (parameter, c) in header for c in COMPONENTS) and all(result["parameters"][parameter]["sigma"]):
+    if all("%s.%s" % (parameter, c) in header for c in COMPONENTS) and all(result["parameters"].get(parameter, {"sigma": [1]})["sigma"]):
         change = exp(delta)
     else:
         xi = value(result, parameter, 6)

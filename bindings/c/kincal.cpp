@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <new>
+#include <optional>
 #include <stdexcept>
 
 #include "../../io/document/files.h"
@@ -341,6 +342,33 @@ Postures one_posture(const kincal_result& result, const double* values, size_t c
   return out;
 }
 
+/// Readings that compensate at one posture.
+kincal_status compensate_at(const kincal_result* result, std::optional<double> temperature,
+                            kincal_compensation* compensation, kincal_error* error) {
+  return guarded(error, [&] {
+    kincal_compensation wish = sized(compensation, "compensation");
+    const kincal_result& of = given(result, "result");
+    if (!of.planned)
+      throw InputError("compensate: there is nothing to compensate: robot.urdf has all of it");
+    if (temperature && !std::isfinite(*temperature))
+      throw InputError("temperature: must be finite, degrees Celsius");
+    const CompensationWish how = {&given(wish.tip, "tip"), wish.base ? wish.base : "",
+                                  wish.position_only != 0, temperature};
+    std::vector<double> known;
+    const Postures posture = one_posture(of, wish.planned, wish.count, known);
+    given(wish.readings, "readings");
+    const Compensated found = compensate_postures(*of.rig, *of.planned, posture, how).front();
+    const Tree& tree = of.rig->file.rig.tree;
+    for (size_t i = 0; i < wish.count; ++i)
+      wish.readings[i] = std::isnan(wish.planned[i])
+                             ? kNan
+                             : found.readings[tree.find_joint(of.names[KINCAL_JOINTS][i])];
+    wish.position = found.position;
+    wish.rotation = found.rotation;
+    write_struct(compensation, wish);
+  });
+}
+
 }  // namespace
 }  // namespace kincal
 
@@ -520,26 +548,12 @@ kincal_status kincal_result_forward(const kincal_result* result, const double* r
 
 kincal_status kincal_result_compensate(const kincal_result* result,
                                        kincal_compensation* compensation, kincal_error* error) {
-  return guarded(error, [&] {
-    kincal_compensation wish = sized(compensation, "compensation");
-    const kincal_result& of = given(result, "result");
-    if (!of.planned)
-      throw InputError("compensate: there is nothing to compensate: robot.urdf has all of it");
-    const CompensationWish how = {&given(wish.tip, "tip"), wish.base ? wish.base : "",
-                                  wish.position_only != 0};
-    std::vector<double> known;
-    const Postures posture = one_posture(of, wish.planned, wish.count, known);
-    given(wish.readings, "readings");
-    const Compensated found = compensate_postures(*of.rig, *of.planned, posture, how).front();
-    const Tree& tree = of.rig->file.rig.tree;
-    for (size_t i = 0; i < wish.count; ++i)
-      wish.readings[i] = std::isnan(wish.planned[i])
-                             ? kNan
-                             : found.readings[tree.find_joint(of.names[KINCAL_JOINTS][i])];
-    wish.position = found.position;
-    wish.rotation = found.rotation;
-    write_struct(compensation, wish);
-  });
+  return compensate_at(result, std::nullopt, compensation, error);
+}
+
+kincal_status kincal_result_compensate_at(const kincal_result* result, double temperature,
+                                          kincal_compensation* compensation, kincal_error* error) {
+  return compensate_at(result, temperature, compensation, error);
 }
 
 kincal_status kincal_result_problem(const kincal_result* result, const kincal_text* samples,

@@ -241,6 +241,11 @@ typedef struct kincal_compensation {
 KINCAL_API kincal_status kincal_result_compensate(const kincal_result* result,
                                                   kincal_compensation* compensation,
                                                   kincal_error* error);
+/* The same at a temperature of the robot (degrees Celsius), which joints may depend on. [shared] */
+KINCAL_API kincal_status kincal_result_compensate_at(const kincal_result* result,
+                                                     double temperature,
+                                                     kincal_compensation* compensation,
+                                                     kincal_error* error);
 
 /* A problem of the calibrated rig with other samples, for an evaluation. [shared] */
 KINCAL_API kincal_status kincal_result_problem(const kincal_result* result,

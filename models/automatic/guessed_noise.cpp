@@ -11,8 +11,8 @@
 namespace kincal {
 namespace {
 
-constexpr double kMostMisstated = 10;  // times a stated sigma: more is a mistake
-constexpr double kRounding = 1e-4;     // of a guess: less is the rounding of data without noise
+constexpr double kMostMisstated = 10;   // times a stated sigma: more is a mistake
+constexpr double kLeastOfGuess = 1e-4;  // of a guess: less is the rounding of data without noise
 
 }  // namespace
 
@@ -65,7 +65,7 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
                  most = std::log(kMostMisstated);
     if (levels[i].guess > 0) {
       now(i) = std::log(levels[i].assumed);
-      seen(i) = std::max(now(i) + moved, std::log(kRounding * levels[i].guess));
+      seen(i) = std::max(now(i) + moved, std::log(kLeastOfGuess * levels[i].guess));
     } else if (noisy.doubted.stated) {
       now(i) =
           std::log(first_sigma(rig, levels[i]) / first_sigma(*noisy.doubted.stated, levels[i]));

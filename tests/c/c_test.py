@@ -235,6 +235,36 @@ class Same(Folder):
         self.assertEqual(wish.position, float(expected.position))
         self.assertGreater(max(abs(a - b) for a, b in zip(found, readings)), 1e-5)
 
+    def test_temperature(self):
+        """Readings of a robot whose joints depend on the temperature: those of the Python package."""
+        import conditions_test
+        sys.path.insert(0, os.path.join(os.path.dirname(KINCAL), "python"))
+        try:
+            import kincal
+        except ImportError:
+            self.skipTest("the Python package is not built")
+        urdf = self.write("robot.urdf", conditions_test.URDF)
+        true = self.write("true.yaml", conditions_test.with_terms({"temperature": conditions_test.TERMS["temperature"]}))
+        rig, samples = self.write("rig.yaml", conditions_test.with_terms()), self.path("made", "samples.jsonl")
+        run(KINCAL, "simulate", true, "--samples", "100", "--seed", "7", "--out", self.path("made"), "--quiet")
+        result = self.calibrated(rig, urdf, samples, b'{"no_report": true}')
+        other = kincal.calibrate(rig, samples, no_report=True)
+        joints = list(other.rig.joints)
+        readings = [0.1 * (k + 1) for k in range(len(joints))]
+        given, found = (ctypes.c_double * len(joints))(*readings), (ctypes.c_double * len(joints))()
+        wish = Compensation(ctypes.sizeof(Compensation), b"hand", None, given, found, len(joints), 0, 0, 1, 0)
+        at = {}
+        for temperature in (15.0, 30.0):
+            self.call("kincal_result_compensate_at", result, ctypes.c_double(temperature), ctypes.byref(wish))
+            expected = other.compensate(dict(zip(joints, readings)), "hand", position_only=True, temperature=temperature)
+            at[temperature] = list(found)
+            self.assertEqual(at[temperature], [expected.joints[j] for j in joints])
+        self.assertGreater(max(abs(a - b) for a, b in zip(*at.values())), 1e-5)
+        for call, said in ((("kincal_result_compensate", result, ctypes.byref(wish)), "temperature"),
+                           (("kincal_result_compensate_at", result, ctypes.c_double(float("nan")), ctypes.byref(wish)), "finite")):
+            with self.assertRaisesRegex(Exception, said):
+                self.call(*call)
+
     def test_plan_and_verify(self):
         """Plans and verifications are those of the program."""
         import verify_test

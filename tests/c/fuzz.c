@@ -245,6 +245,7 @@ static void use(const kincal_result* result) {
   kincal_compensation wish = {sizeof wish, frame, NULL, readings,          readings,
                               joints,      0,     0,    (int32_t)below(2), 0};
   good(kincal_result_compensate(result, &wish, &error), &error, NULL);
+  good(kincal_result_compensate_at(result, 20, &wish, &error), &error, NULL);
   kincal_summary summary;
   summary.size = sizeof summary;
   if (!good(kincal_result_summary(result, &summary, &error), &error, NULL)) return;

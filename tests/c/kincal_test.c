@@ -512,6 +512,8 @@ static void test_forward(const kincal_result* result) {
 
   kincal_compensation wish = {sizeof wish, "flange", NULL, readings, readings, 6, 0, 0, 0, 0};
   FAILS(kincal_result_compensate(result, &wish, error), KINCAL_INPUT, "nothing to compensate");
+  FAILS(kincal_result_compensate_at(result, 20, &wish, error), KINCAL_INPUT,
+        "nothing to compensate");
 }
 
 static void test_evaluation(const kincal_result* result) {

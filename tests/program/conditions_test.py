@@ -31,6 +31,10 @@ TERMS = {"temperature": {"a": 6e-5, "b": -4e-5, "c": 5e-5, "d": 8e-5, "e": 3e-5}
 RATIO = {"c": 100, "b": 80}
 
 
+CHAIN = [("a", "l1", "0 0 0.4", "0 0 1"), ("b", "l2", "0.1 0 0.1", "0 1 0"), ("c", "l3", "0 0 0.5", "0 1 0"), ("d", "l4", "0.4 0 0.05", "1 0 0"), ("e", "hand", "0.1 0 0", "0 1 0")]
+URDF = '<robot name="r"><link name="base"/>%s</robot>' % "".join(revolute(CHAIN, "base", 2.4))
+
+
 def with_terms(terms=None):
     """The entries of joints: gear ratios, and the terms of the true robot."""
     out = {joint: {"gear_ratio": ratio} for joint, ratio in RATIO.items()}
@@ -47,10 +51,7 @@ def rig(play=None, clock=None, more=""):
 class Conditions(Folder):
     def setUp(self):
         super().setUp()
-        chain = [("a", "l1", "0 0 1", "0 0 0.4"), ("b", "l2", "0 1 0", "0.1 0 0.1"), ("c", "l3", "0 1 0", "0 0 0.5"),
-                 ("d", "l4", "1 0 0", "0.4 0 0.05"), ("e", "hand", "0 1 0", "0.1 0 0")]
-        chain = [(name, link, xyz, axis) for name, link, axis, xyz in chain]
-        self.write("robot.urdf", '<robot name="r"><link name="base"/>%s</robot>' % "".join(revolute(chain, "base", 2.4)))
+        self.write("robot.urdf", URDF)
 
     def run_kincal(self, *arguments):
         return subprocess.run([KINCAL, *arguments], cwd=self.dir, stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
