@@ -275,6 +275,15 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   const bool again = options.begin.start.has_value();
   Model model{again ? make_recording(given) : without_added(given), options};
   Calibrated best = calibrate_groups(model);
+  const std::vector<std::string>& kept = options.begin.further;
+  if (best.found.solution.usable() && std::any_of(kept.begin(), kept.end(), [&](const auto& name) {
+        return !is_kept(best.found, name);
+      })) {  // lost its evidence, with other noise or samples: what stood behind it is tried again
+    AutomaticOptions anew = options;
+    anew.begin = {};
+    anew.begin.noise_factor = options.begin.noise_factor;
+    return calibrate_automatically(*without_added(given), anew);
+  }
   if (best.found.solution.usable()) {
     FurtherRecord record;
     do {
