@@ -96,10 +96,17 @@ std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,
   const Posterior known = posterior(problem, factor, true);
   if (!known.defined) return recording;
   std::vector<NoiseLevel> levels =
+      noise_levels(*data.problem, recording->rig, data.state, known.covariance);
+  // Of levels that few data determine, one step from what is stated. (Of all levels it would raise
+  // those that others hide behind as well.)
+  const std::vector<NoiseLevel> doubted =
       noise_levels(*data.problem, recording->rig, data.state, known.covariance,
                    DoubtedNoise{{}, &recording->rig});
   bool larger = false;
-  for (NoiseLevel& level : levels) {
+  for (size_t i = 0; i < levels.size(); ++i) {
+    NoiseLevel& level = levels[i];
+    if (!std::isfinite(level.seen))
+      level.seen = std::min(doubted[i].seen, kMostMisstated * level.assumed);
     if (level.guess > 0 || !(level.seen > level.assumed)) level.seen = kNan;
     larger = larger || level.seen > level.assumed;
   }

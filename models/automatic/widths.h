@@ -76,7 +76,7 @@ struct WidthProblem {
   int groups = 0;
   std::vector<char> known = {};  // by group: its factor is fixed; beyond the end: it is learned
   std::vector<int> alike = {};   // by group: alike with those of the same value; -1 or beyond the
-                                // end: with none
+                                 // end: with none
 
   bool learns(int k) const { return k >= static_cast<int>(known.size()) || !known[k]; }
 };

@@ -140,9 +140,8 @@ void warn_of_scales(const Report& report, Notices& out) {
   for (const UncheckedScale& scale : report.unchecked)
     out.push_back(make_notice(
         NoticeKind::unchecked, subjects(Subject::Kind::parameter, scale.scales),
-        "nothing in the data checks " + scale_words(scale) +
-            ": with an error of one percent, " + scale.worst + " would shift by " +
-            shown_text(scale.moved, scale.unit) +
+        "nothing in the data checks " + scale_words(scale) + ": with an error of one percent, " +
+            scale.worst + " would shift by " + shown_text(scale.moved, scale.unit) +
             text(", %.2g times its sigma, with residuals as small", scale.sigmas),
         "",
         of_joint(scale) ? "compare a long travel of the joint with a ruler, or state the "

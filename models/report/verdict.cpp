@@ -275,6 +275,8 @@ Verdict verdict(const Report& report) {
       out.next = {
           "if zeros of the robot may be wrong, record its joint readings and calibrate with its "
           "URDF"};
+    for (const Notice& w : report.warnings)  // (a good result is used as this says)
+      if (w.kind == NoticeKind::joint_model && !w.cure.empty()) out.next.push_back(w.cure);
   }
   for (const Notice& w : report.warnings)
     if (!std::count(out.about.begin(), out.about.end(), w.kind)) out.see.push_back(w.kind);

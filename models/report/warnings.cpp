@@ -369,7 +369,9 @@ void warn_of_joint_models(const Report& report, Notices& out) {
     }
     out.push_back(notice_of(NoticeKind::joint_model,
                             "sensors have larger errors with robot.urdf alone", std::move(bent),
-                            bending_words(report), ""));
+                            bending_words(report),
+                            "command the readings that `kincal compensate` computes, or use "
+                            "rig.yaml; robot.urdf alone lacks these errors"));
     return;
   }
   for (size_t j = 0; j < rig.joints.size(); ++j) {

@@ -124,6 +124,8 @@ class Conditions(Folder):
         kept = {g["group"] for g in result["automatic"] if not g.get("held")}
         self.assertTrue({"temperature", "ripple/c", "coupling/e"} <= kept, kept)
         self.assertFalse({"ripple/b", "coupling/a", "coupling/b"} & kept, kept)
+        self.assertEqual(result["verdict"]["use"], "good")
+        self.assertIn("kincal compensate", result["verdict"]["next"][0])
         for joint, value in TERMS["temperature"].items():
             self.near(result, "joint/%s/temperature" % joint, value)
         for k, value in enumerate(TERMS["ripple"]["c"]):

@@ -348,7 +348,7 @@ TEST_CASE("bundle adjustment: what is infinitely far away is undefined") {
 TEST_CASE("bundle adjustment: wrong arguments are refused by name") {
   const auto good = everything_seen(3, 4, 831);
   REQUIRE_NOTHROW(BundleAdjustment(good));
-  const auto refused = [](BundleAdjustmentData d, std::vector<std::string> words) {
+  const auto refused = [](const BundleAdjustmentData& d, const std::vector<std::string>& words) {
     try {
       BundleAdjustment problem(d);
       FAIL("not refused");
