@@ -740,7 +740,7 @@ def rms(values):
 
 
 def judge(case, folder):
-    """Quantity -> (error, predicted); quantity -> predicted / actual of drawn errors; how far the result's URDF is from what its result.json says."""
+    """Quantity -> (error, predicted); quantity -> predicted / actual of drawn errors; difference of the result's URDF from its result.json."""
     readings = {n: r[case.samples:] for n, r in case.readings.items()}
     seen = {p: s[case.samples:] for p, s in case.seen.items()}
     estimate = read_model(folder, case.nominal)

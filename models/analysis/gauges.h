@@ -37,9 +37,8 @@ struct Gauge {
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses);
 
-/// Adds to the covariance of a solution what is not known of gauges of poses that the rig does not
-/// give: the component that was fixed may be off by 1 m or 1 rad, and the others move along with
-/// it.
+/// Adds the uncertainty along gauges to the covariance of a solution, where the rig does not give
+/// the pose: the fixed component may be off by 1 m or 1 rad, and the others move along with it.
 void add_gauges(const Solution& solution, const std::vector<Gauge>& gauges, Prediction& out);
 
 }  // namespace kincal

@@ -240,8 +240,7 @@ bool add_to_joints(const std::string& kind, AddsToJoints make, Model& model, Cal
   return model.options.begin.further.size() > before;
 }
 
-/// Weighs other lenses of cameras, and adds their change of the other parameters to what is
-/// predicted.
+/// Weighs other lenses of cameras, and adds their change of the other parameters to the prediction.
 void weigh_lenses(Calibrated& best) {
   Prediction& prediction = *best.found.solution.prediction;
   for (OtherLens& lens : other_lenses(best.fit, best.found.solution.columns)) {

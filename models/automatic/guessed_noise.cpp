@@ -97,8 +97,8 @@ std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,
   if (!known.defined) return recording;
   std::vector<NoiseLevel> levels =
       noise_levels(*data.problem, recording->rig, data.state, known.covariance);
-  // Of levels that few data determine, one step from what is stated. (Of all levels it would raise
-  // those that others hide behind as well.)
+  // Levels that few data determine make one step from the stated sigma. (With all levels, those
+  // that others hide behind would rise as well.)
   const std::vector<NoiseLevel> doubted =
       noise_levels(*data.problem, recording->rig, data.state, known.covariance,
                    DoubtedNoise{{}, &recording->rig});

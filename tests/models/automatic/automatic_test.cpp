@@ -40,18 +40,7 @@ const Vector3d kMountShift{6e-3, -4e-3, 5e-3}, kMountTurn{0.02, -0.015, 0.01};
 /// board on the base.
 Rig drawn() {
   Rig rig;
-  add_link(rig, "base");
-  const std::vector<Vector3d> axes = {{0, 0, 1}, {0, 1, 0}, {0, 1, 0},
-                                      {1, 0, 0}, {0, 1, 0}, {1, 0, 0}},
-                              places = {{0, 0, 0.2},    {0, 0, 0.15}, {0, 0, 0.35},
-                                        {0.3, 0, 0.05}, {0.08, 0, 0}, {0.08, 0, 0}};
-  std::string parent = "base";
-  for (int j = 0; j < kJoints; ++j) {
-    const std::string name = "a" + std::to_string(j + 1);
-    add_joint(rig, JointType::revolute, name, parent, name + "_link", axes[j], at(places[j]), 1e-4);
-    parent = name + "_link";
-  }
-  finish_tree(rig.tree);
+  const std::string parent = add_arm(rig, 1e-4);
   add_camera(rig, "eye", parent, at({0.03, 0, -0.05}, {kPi, 0, 0}));
   add_grid(rig, "board", 5, 6, 0.04, "base", at({0.4, -0.1, 0.05}));
   return rig;

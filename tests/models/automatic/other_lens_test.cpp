@@ -27,18 +27,7 @@ const std::vector<double> kTangential = {-0.09, 0.06, 0.002, -0.0015, 0},
 /// An arm of six axes with a camera that looks down at a board on the base.
 Rig arm(Lens lens, const std::vector<double>& distortion) {
   Rig rig;
-  add_link(rig, "base");
-  const std::vector<Vector3d> axes = {{0, 0, 1}, {0, 1, 0}, {0, 1, 0},
-                                      {1, 0, 0}, {0, 1, 0}, {1, 0, 0}},
-                              places = {{0, 0, 0.2},    {0, 0, 0.15}, {0, 0, 0.35},
-                                        {0.3, 0, 0.05}, {0.08, 0, 0}, {0.08, 0, 0}};
-  std::string parent = "base";
-  for (int j = 0; j < 6; ++j) {
-    const std::string name = "a" + std::to_string(j + 1);
-    add_joint(rig, JointType::revolute, name, parent, name + "_link", axes[j], at(places[j]), 5e-5);
-    parent = name + "_link";
-  }
-  finish_tree(rig.tree);
+  const std::string parent = add_arm(rig, 5e-5);
   add_camera(rig, "eye", parent, at({0.03, 0, -0.05}, {kPi, 0, 0}), lens, distortion, 0, 0.1);
   add_grid(rig, "board", 5, 6, 0.04, "base", at({0.4, -0.1, 0.05}));
   return rig;
