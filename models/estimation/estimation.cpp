@@ -225,15 +225,18 @@ bool Estimation::linearise(int group, const VectorXd& state, int worker, const G
       kernels().gram(l, rows, scratch.rows.outerStride(), w, gram.data(), ld);
     motion.kinematic_matrix(v, s, state, scratch);
     const int depth = s.layout->paths[v.layout->path].rows(), sum = v.layout->sum;
+    if (!scratch.summing || sum < 0) {
+      expand(depth, v.layout->map, layout.groups[group], scratch.expand, to, nullptr);
+      continue;
+    }
     double* const sum_at = scratch.sums.data() + scratch.sums_start[sum];
-    if (scratch.summing && !scratch.is_begun[sum]) {
+    if (!scratch.is_begun[sum]) {
       std::fill(sum_at, scratch.sums.data() + scratch.sums_start[sum + 1], 0.0);
       scratch.is_begun[sum] = 1;
       scratch.begun.push_back(sum);
     }
     const SharedSums sums(layout.sums[sum], sum_at);
-    expand(depth, v.layout->map, layout.groups[group], scratch.expand, to,
-           scratch.summing ? &sums : nullptr);
+    expand(depth, v.layout->map, layout.groups[group], scratch.expand, to, &sums);
   }
   const int errors = s.errors();
   const Sample& sample = layout.recorded[s.index];

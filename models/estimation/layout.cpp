@@ -4,6 +4,13 @@
 #include <stdexcept>
 
 namespace kincal {
+namespace {
+
+// Views of one set of shared columns from which it has sums of its own. A sum is filled and brought
+// to its places once a piece, of which there are up to 16: it pays if views are more than that.
+constexpr int kViewsOfSum = 16;
+
+}  // namespace
 
 Layout::Layout(const Recording& of, const std::vector<int>& indices, EstimationSetup given)
     : recording(of),
@@ -20,6 +27,7 @@ Layout::Layout(const Recording& of, const std::vector<int>& indices, EstimationS
   }
   state_size = static_cast<int>(table.initial.size());
   for (int index : indices) place_sample(index);
+  drop_rare_sums();
   place_data();
   if (!setup.priors.empty()) place_priors();
   if (setup.apart && !columns.empty())
@@ -230,6 +238,23 @@ int Layout::place_sum(const ViewLayout& v, const GroupShape& shape) {
     if (kinematic[i] == kinematic[i - 1] + 1) found.runs[i - 1] = found.runs[i] + 1;
   sums.push_back(std::move(found));
   return static_cast<int>(sums.size()) - 1;
+}
+
+/// Leaves out the sums of few views. (Where columns depend on the reading, as those of error curves
+/// do, nearly every sample has a set of its own.)
+void Layout::drop_rare_sums() {
+  std::vector<int> views(sums.size(), 0), place(sums.size(), -1);
+  for (const PlacedSample& s : samples)
+    for (const PlacedView& v : s.views) ++views[v.layout->sum];
+  std::vector<SharedColumns> kept;
+  for (size_t i = 0; i < sums.size(); ++i) {
+    if (views[i] < kViewsOfSum) continue;
+    place[i] = static_cast<int>(kept.size());
+    kept.push_back(std::move(sums[i]));
+  }
+  for (auto& entry : layouts)
+    for (ViewLayout& v : entry.second->views) v.sum = place[v.sum];
+  sums = std::move(kept);
 }
 
 namespace {

@@ -81,11 +81,11 @@ struct ViewLayout {
   ViewColumns map;
   std::vector<MotionColumns> poses;  // M's dense columns of the target's and the sensor's poses
   int path_column = 0;               // and of the path: the first column of M
-  int sum = -1;                      // which of Layout::sums is its shared columns'
-  ViewKernel kernel = nullptr;       // if the sensor and its noise allow
-  int halves = -1;                   // of a camera's kernel: its columns of fx cx fy cy follow each
-                                     // other from here, each in rows of one axis alone
-  int own[kMaxParameters];           // for the kernel: column of each own number or -1
+  int sum = -1;  // which of Layout::sums is its shared columns'; -1: none, few views have them
+  ViewKernel kernel = nullptr;  // if the sensor and its noise allow
+  int halves = -1;              // of a camera's kernel: its columns of fx cx fy cy follow each
+                                // other from here, each in rows of one axis alone
+  int own[kMaxParameters];      // for the kernel: column of each own number or -1
   size_t points = 0;  // for the kernel: where in Layout::seen the layout of the seen points begins
 
   int blocks() const { return model->blocks(static_cast<int>(ids.size())); }
@@ -173,7 +173,7 @@ struct Layout {
   std::vector<GroupShape>
       groups;        // the samples' (with `apart` of the taken one), then that of the priors
   size_t taken = 0;  // with `apart`: which sample is the problem
-  std::vector<SharedColumns> sums;  // shared columns of views, each set once
+  std::vector<SharedColumns> sums;  // shared columns that many views have, each set once
   AlignedNumbers seen;              // what the kernels read: layouts, measured numbers
   int whitenings = 0;               // views without a kernel, or with own noise
   int state_size = 0;
@@ -193,6 +193,7 @@ struct Layout {
   void place_view(ViewLayout& v, const std::map<int, int>& places,
                   const SampleLayout& sample) const;
   int place_sum(const ViewLayout& v, const GroupShape& shape);
+  void drop_rare_sums();
   void place_data();
   void place_priors();
 };
