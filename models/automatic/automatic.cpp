@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <memory>
+#include <optional>
 
 #include "../rig/numbers.h"
 #include "../rig/words.h"
@@ -125,6 +126,22 @@ struct FurtherRecord {
   }
 };
 
+/// Calibrates a model if all these groups keep their evidence; else they become those that do, and
+/// nothing is returned.
+std::optional<Calibrated> calibrate_with(std::vector<std::string>& groups, const Model& model) {
+  const size_t before = groups.size();
+  const auto learned = learn_model(model);
+  groups.erase(
+      std::remove_if(groups.begin(), groups.end(),
+                     [&](const std::string& name) { return !has_evidence(*learned, name); }),
+      groups.end());
+  if (groups.size() < before) return {};
+  Calibrated out = calibrate_groups(*learned, model.options);
+  if (out.found.solution.usable()) return out;
+  groups.clear();
+  return {};
+}
+
 /// Tries groups of bending, each on top of those before.
 void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated& best,
                  FurtherRecord& record) {
@@ -153,16 +170,15 @@ void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated
     }
     if (trial.groups.empty()) continue;
     next = grown(std::move(next), trial, best);
-    Calibrated found = calibrate_groups(next);
-    if (!found.found.solution.usable() ||
-        !std::all_of(trial.groups.begin(), trial.groups.end(),
-                     [&](const std::string& g) { return is_kept(found.found, g); })) {
+    std::vector<std::string> groups = trial.groups;
+    std::optional<Calibrated> found = calibrate_with(groups, next);
+    if (!found) {
       for (const std::string& g : trial.groups) record.set_lost(g);
       continue;
     }
     record.add_stage(model, best);
     model = std::move(next);
-    best = std::move(found);
+    best = std::move(*found);
   }
 }
 
@@ -177,20 +193,17 @@ void add_together(const std::vector<std::string>& names,
   record.add(trial.tried);
   while (!trial.groups.empty()) {
     Model next = grown(with(trial.groups), trial, best);
-    Calibrated found = calibrate_groups(next);
-    const bool usable = found.found.solution.usable();
-    std::vector<std::string> kept;
-    for (const std::string& g : trial.groups)
-      if (usable && is_kept(found.found, g))
-        kept.push_back(g);
-      else
-        record.set_lost(g);
-    const bool all = kept.size() == trial.groups.size();
-    trial.groups = std::move(kept);
-    if (!all) continue;
+    std::vector<std::string> groups = trial.groups;
+    std::optional<Calibrated> found = calibrate_with(groups, next);
+    if (!found) {
+      for (const std::string& g : trial.groups)
+        if (!is_among(groups, g)) record.set_lost(g);
+      trial.groups = std::move(groups);
+      continue;
+    }
     record.add_stage(model, best);
     model = std::move(next);
-    best = std::move(found);
+    best = std::move(*found);
     return;
   }
 }
@@ -273,7 +286,9 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
                                              const AutomaticOptions& options) try {
   const bool again = options.begin.start.has_value();
   Model model{again ? make_recording(given) : without_added(given), options};
-  Calibrated best = calibrate_groups(model);
+  const auto learned = learn_model(model);
+  model.mounts = mounts_of(learned);
+  Calibrated best = calibrate_groups(*learned, options);
   const std::vector<std::string>& kept = options.begin.further;
   if (best.found.solution.usable() && std::any_of(kept.begin(), kept.end(), [&](const auto& name) {
         return !is_kept(best.found, name);

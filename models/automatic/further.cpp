@@ -167,10 +167,13 @@ std::vector<int> cross_validated(const WidthProblem& at, const std::vector<Norma
 
 }  // namespace
 
+VectorXd shared_in(const VectorXd& shared, const ParameterTable& from, const ParameterTable& to) {
+  return moved(shared, from, to, places_of(from, to));
+}
+
 Values values_in(const FitWithGroups& fit, const Recording& recording) {
-  const ParameterTable &from = fit.recording->table, &to = recording.table;
   Values out = fit.values;
-  out.shared = moved(fit.values.shared, from, to, places_of(from, to));
+  out.shared = shared_in(fit.values.shared, fit.recording->table, recording.table);
   return out;
 }
 

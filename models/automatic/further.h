@@ -75,6 +75,8 @@ std::shared_ptr<const Recording> with_elasticity(const Recording& recording, boo
 /// Returns a recording with the further models of another, whose rig is the same otherwise.
 Recording with_models_of(const Recording& recording, const Recording& other);
 
+/// Returns shared values in a table with more parameters, which are at their initial values.
+VectorXd shared_in(const VectorXd& shared, const ParameterTable& from, const ParameterTable& to);
 /// Returns the values of a fit in a recording with more parameters.
 Values values_in(const FitWithGroups& fit, const Recording& recording);
 

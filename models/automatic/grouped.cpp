@@ -474,47 +474,106 @@ void set_predicted_sigmas(AutomaticCalibration& found) {
   }
 }
 
-Calibrated calibrate_groups(const Model& model) {
-  AutomaticCalibration out;
-  const AutomaticOptions& options = model.options;
-  std::shared_ptr<const Recording> now = with_guessed_noise(*model.recording, options.noise);
-  const Recording& recording = *now;
-  const Begin& begin = options.begin;
-  AutomaticGroups groups = groups_of(recording, options, begin.further);
-  if (steps_of(recording, groups, start_factors(groups), {}).empty())
-    throw std::invalid_argument(
-        nothing_free(recording, !options.fix.empty() || !options.groups.without.empty(), false));
-  const VectorXd ones = start_factors(groups);
-  const CalibrationOptions run = plain(options);
-  Solution& solution = out.solution;
-  const auto at_start = [&] {
-    return with_steps(recording, steps_of(recording, groups, ones, {}));
-  };
-  if (groups.mounts.empty()) {
-    solution.recording = at_start();
-    solution.initial = solution.values.shared = recording.table.initial;
+namespace {
+
+/// The solution with the mounts alone: of a calibration before, or estimated.
+Solution mounts_alone(const Model& model, const std::shared_ptr<const Recording>& steps,
+                      const AutomaticGroups& groups, const CalibrationOptions& run) {
+  Solution out;
+  out.recording = steps;
+  if (model.mounts) {
+    const Solution& before = *model.mounts;
+    out.initial = shared_in(before.initial, before.table(), steps->table);
+    out.values = before.values;
+    out.values.shared = shared_in(before.values.shared, before.table(), steps->table);
+    out.replaced_starts = before.replaced_starts;
+  } else if (groups.mounts.empty()) {
+    out.initial = out.values.shared = steps->table.initial;
   } else {
     CalibrationOptions mounts = run;
     mounts.last_step = kMounts;
     mounts.free.clear();
-    solution = uncancelled(calibrate(at_start(), mounts));
-    turn_back(recording.table, groups.pivots, solution.initial, solution.values.shared);
-    out.gauges = fix_gauges(recording, solution.initial, groups, solution.values.shared);
+    out = uncancelled(calibrate(steps, mounts));
   }
-  const StepPlan plan = resolve_steps(*at_start(), run).back();
-  if (plan.name != kEverything || solution.status == Status::undefined_start) return {out, {}};
-  VectorXd factor = ones;
+  return out;
+}
+
+}  // namespace
+
+struct LearnedModel {
+  std::shared_ptr<const Recording> recording;  // with the noise that is guessed
+  AutomaticGroups groups;
+  Solution mounts;  // with these alone
+  std::vector<Gauge> gauges;
+  bool starts = false;  // there is a step for everything, and the mounts have a start
+  bool defined = false;
+  Learned learned;
+  Selection selection;
+  bool all_kept = false;  // whatever has evidence: options name what is estimated
+
+  std::shared_ptr<const Recording> at_start() const {
+    return with_steps(*recording, steps_of(*recording, groups, start_factors(groups), {}));
+  }
+};
+
+std::shared_ptr<const LearnedModel> learn_model(const Model& model) {
+  auto out = std::make_shared<LearnedModel>();
+  const AutomaticOptions& options = model.options;
+  out->recording = with_guessed_noise(*model.recording, options.noise);
+  const Recording& recording = *out->recording;
+  const Begin& begin = options.begin;
+  AutomaticGroups& groups = out->groups = groups_of(recording, options, begin.further);
+  if (steps_of(recording, groups, start_factors(groups), {}).empty())
+    throw std::invalid_argument(
+        nothing_free(recording, !options.fix.empty() || !options.groups.without.empty(), false));
+  const CalibrationOptions run = plain(options);
+  Solution& mounts = out->mounts = mounts_alone(model, out->at_start(), groups, run);
+  if (!groups.mounts.empty()) {
+    turn_back(recording.table, groups.pivots, mounts.initial, mounts.values.shared);
+    out->gauges = fix_gauges(recording, mounts.initial, groups, mounts.values.shared);
+  }
+  const StepPlan plan = resolve_steps(*out->at_start(), run).back();
+  out->starts = plan.name == kEverything && mounts.status != Status::undefined_start;
+  if (!out->starts) return out;
+  VectorXd factor = start_factors(groups);
   for (size_t g = 0; g < groups.groups.size(); ++g)
     if (const auto found = begin.factor.find(groups.groups[g].name); found != begin.factor.end())
       factor(static_cast<Eigen::Index>(g)) = found->second;
-  const Learned learned = learn(recording, plan, groups, factor, options,
-                                {begin.start.value_or(solution.values), solution.initial});
-  if (learned.outcome == Outcome::undefined_start || !learned.widths.defined) {
-    solution = uncancelled(calibrate(at_start(), run));  // says what is wrong
-    return {out, {}};
-  }
+  out->learned = learn(recording, plan, groups, factor, options,
+                       {begin.start.value_or(mounts.values), mounts.initial});
+  out->defined = out->learned.outcome != Outcome::undefined_start && out->learned.widths.defined;
+  if (!out->defined) return out;
   options.progress.stage("selecting parameters by evidence");
-  const Selection selection = hold(learned.problem, learned.widths);
+  out->selection = hold(out->learned.problem, out->learned.widths);
+  out->all_kept = !options.free.empty();
+  return out;
+}
+
+bool has_evidence(const LearnedModel& model, const std::string& group) {
+  const std::vector<WidthGroup>& groups = model.groups.groups;
+  for (size_t g = 0; model.defined && g < groups.size(); ++g)
+    if (groups[g].name == group) return model.all_kept || !model.selection.whole[g];
+  return false;
+}
+
+std::shared_ptr<const Solution> mounts_of(const std::shared_ptr<const LearnedModel>& model) {
+  return {model, &model->mounts};
+}
+
+Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& options) {
+  AutomaticCalibration out;
+  out.gauges = model.gauges;
+  const Recording& recording = *model.recording;
+  const AutomaticGroups& groups = model.groups;
+  const CalibrationOptions run = plain(options);
+  Solution& solution = out.solution;
+  const Solution& mounts = model.mounts;
+  if (!model.defined) {
+    solution = model.starts ? uncancelled(calibrate(model.at_start(), run)) : mounts;
+    return {out, {}};  // (says what is wrong)
+  }
+  const Learned& learned = model.learned;
+  const Selection& selection = model.selection;
   std::vector<Component> held;
   for (size_t i = 0; i < selection.held.size(); ++i)
     if (selection.held[i]) held.push_back(learned.columns[i]);
@@ -522,8 +581,7 @@ Calibrated calibrate_groups(const Model& model) {
       with_steps(*learned.recording, steps_of(recording, groups, learned.widths.factor, held));
   if (final->rig.steps.empty()) throw std::invalid_argument(nothing_free(recording, false, true));
   VectorXd start = learned.values.shared;
-  put_back(recording.table, solution.initial, learned.columns, selection.held, start);
-  const Solution mounts = std::move(solution);
+  put_back(recording.table, mounts.initial, learned.columns, selection.held, start);
   StepVariations variations;
   variations.start = mounts.values.shared;
   variations.before_step = [&](const StepPlan& step, const VectorXd&, VectorXd& shared) {

@@ -29,9 +29,18 @@ struct Calibrated {
 struct Model {
   std::shared_ptr<const Recording> recording;
   AutomaticOptions options;
+  std::shared_ptr<const Solution> mounts = nullptr;  // with these alone; null: to be estimated
 };
 
-Calibrated calibrate_groups(const Model& model);
+/// A LearnedModel has the widths and the noise of a model, 1 and 2 of automatic.h, and the groups
+/// that have evidence with these.
+struct LearnedModel;
+std::shared_ptr<const LearnedModel> learn_model(const Model& model);
+bool has_evidence(const LearnedModel& model, const std::string& group);
+/// Returns the solution with the mounts alone.
+std::shared_ptr<const Solution> mounts_of(const std::shared_ptr<const LearnedModel>& model);
+/// Returns the calibration with them, 3 of automatic.h.
+Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& options);
 /// Sets the sigmas of estimates and of groups' members to those of the prediction.
 void set_predicted_sigmas(AutomaticCalibration& found);
 
