@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "aligned.h"
 #include "kernels.h"
 
 namespace kincal {
@@ -72,24 +73,62 @@ VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b, long* rank
   return svd.solve(b);
 }
 
-struct Cholesky::Parts {
-  Eigen::LLT<MatrixXd> llt;
-};
-Cholesky::Cholesky(const MatrixXd& a) : parts_(new Parts{Eigen::LLT<MatrixXd>(a)}) {}
-Cholesky::~Cholesky() = default;
-bool Cholesky::good() const { return parts_->llt.info() == Eigen::Success; }
-VectorXd Cholesky::diagonal() const { return parts_->llt.matrixLLT().diagonal(); }
-VectorXd Cholesky::solve(const VectorXd& b) const { return parts_->llt.solve(b); }
-MatrixXd Cholesky::inverse_factor() const {
-  constexpr Eigen::Index kWidth = 16;  // of columns at a time: above them the inverse is 0
-  const MatrixXd& l = parts_->llt.matrixLLT();
-  const Eigen::Index n = l.rows();
-  MatrixXd out = MatrixXd::Identity(n, n);
-  for (Eigen::Index k = 0; k < n; k += kWidth) {
-    auto columns = out.block(k, k, n - k, std::min(kWidth, n - k));
-    l.bottomRightCorner(n - k, n - k).triangularView<Eigen::Lower>().solveInPlace(columns);
+MatrixXd gram(const MatrixXd& a) {
+  const auto rows = static_cast<int>(a.rows()), columns = static_cast<int>(a.cols());
+  MatrixXd padding, out(columns, columns);
+  if (rows != padded(rows)) {
+    padding.resize(padded(rows), columns);
+    padding.topRows(rows) = a;
+    padding.bottomRows(padded(rows) - rows).setZero();
   }
+  kernels().gram(rows == padded(rows) ? a.data() : padding.data(), padded(rows), padded(rows),
+                 columns, out.data(), columns);
   return out;
+}
+
+struct Cholesky::Parts {
+  int n, ld;
+  AlignedNumbers factor;  // its diagonal is inverted
+  bool good;
+};
+Cholesky::Cholesky(const MatrixXd& a) : parts_(new Parts) {
+  Parts& p = *parts_;
+  p.n = static_cast<int>(a.rows());
+  p.ld = padded(p.n) + kSlack;
+  p.factor.assign(static_cast<size_t>(p.ld) * p.n + kSlack, 0.0);
+  for (int j = 0; j < p.n; ++j)
+    std::copy_n(a.data() + static_cast<size_t>(j) * p.n + j, p.n - j,
+                p.factor.data() + static_cast<size_t>(j) * p.ld + j);
+  p.good = kernels().cholesky(p.factor.data(), p.n, p.ld);
+}
+Cholesky::~Cholesky() = default;
+bool Cholesky::good() const { return parts_->good; }
+VectorXd Cholesky::diagonal() const {
+  VectorXd out(parts_->n);
+  for (int i = 0; i < parts_->n; ++i)
+    out(i) = 1 / parts_->factor[static_cast<size_t>(i) * (parts_->ld + 1)];
+  return out;
+}
+VectorXd Cholesky::solve(const VectorXd& b) const {
+  const Parts& p = *parts_;
+  VectorXd out = VectorXd::Zero(p.n + kSlack);
+  out.head(p.n) = b;
+  kernels().solve_lower(p.factor.data(), p.n, p.ld, out.data());
+  kernels().solve_lower_transposed(p.factor.data(), p.n, p.ld, out.data());
+  return out.head(p.n);
+}
+MatrixXd Cholesky::inverse_factor() const {
+  constexpr int kWidth = 32;  // of columns at a time: above them the inverse is 0
+  const Parts& p = *parts_;
+  Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> out;
+  out.setZero(p.n, padded(p.n) + kSlack);
+  for (int k = 0; k < p.n; k += kWidth) {
+    const int width = std::min(kWidth, p.n - k);
+    for (int i = k; i < k + width; ++i) out(i, i) = 1;
+    kernels().solve_rows(p.factor.data() + static_cast<size_t>(k) * (p.ld + 1), p.n - k, p.ld,
+                         &out(k, k), width, out.cols());
+  }
+  return out.leftCols(p.n);
 }
 
 struct Lu::Parts {

@@ -58,12 +58,15 @@ bool least_squares(const MatrixXd& a, const VectorXd& b, double threshold, Vecto
 /// of a.
 VectorXd shortest_least_squares(const MatrixXd& a, const VectorXd& b, long* rank = nullptr);
 
-/// A Cholesky holds the factorisation L L' of a symmetric matrix.
+/// Returns A'A, by the vectorised kernels (kernels.h).
+MatrixXd gram(const MatrixXd& a);
+
+/// A Cholesky holds the factorisation L L' of a symmetric matrix, by the vectorised kernels.
 class Cholesky {
  public:
   explicit Cholesky(const MatrixXd& a);
   ~Cholesky();
-  /// Returns whether the matrix is positive definite.
+  /// Returns whether the matrix is positive definite; if not, nothing else is defined.
   bool good() const;
   VectorXd diagonal() const;  // of L
   VectorXd solve(const VectorXd& b) const;

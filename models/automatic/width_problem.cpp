@@ -1,5 +1,6 @@
 #include "width_problem.h"
 
+#include "../../solver/decompositions.h"
 #include "../../solver/observability.h"
 
 namespace kincal {
@@ -39,7 +40,11 @@ std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<in
                                      int count) {
   Estimation& data = *at.problem;
   const auto n = static_cast<Eigen::Index>(data.columns().size());
-  std::vector<NormalPart> out(count, {MatrixXd::Zero(n, n), VectorXd::Zero(n), 0});
+  std::vector<NormalPart> out(count);
+  for (NormalPart& part : out) {
+    part.normal.setZero(n, n);
+    part.gradient.setZero(n);
+  }
   MatrixXd rows;
   long rank = 0;
   for (size_t g = 0; g < data.groups().size(); ++g) {
@@ -49,12 +54,12 @@ std::vector<NormalPart> normal_parts(const DataProblem& at, const std::vector<in
     data.square_root(static_cast<int>(g), at.state, 0, rows);
     const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
     const auto m = static_cast<Eigen::Index>(shape.columns.size());
-    const MatrixXd gram = left.transpose() * left;
-    out[k].cost += gram(m, m);
+    const MatrixXd products = gram(left);
+    out[k].cost += products(m, m);
     for (Eigen::Index i = 0; i < m; ++i) {
-      out[k].gradient(shape.columns[i]) += gram(i, m);
+      out[k].gradient(shape.columns[i]) += products(i, m);
       for (Eigen::Index j = 0; j < m; ++j)
-        out[k].normal(shape.columns[i], shape.columns[j]) += gram(i, j);
+        out[k].normal(shape.columns[i], shape.columns[j]) += products(i, j);
     }
   }
   return out;

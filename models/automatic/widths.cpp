@@ -159,7 +159,7 @@ Posterior posterior(const WidthProblem& p, const VectorXd& factor, bool covarian
     if (prior(i) > 0) out.value(i) += p.at(i);
   out.variance = root.colwise().squaredNorm();
   out.log_determinant = 2 * (scale.array().log().sum() - factorised.diagonal().array().log().sum());
-  if (covariance) out.covariance = root.transpose() * root;
+  if (covariance) out.covariance = gram(root);
   return out;
 }
 

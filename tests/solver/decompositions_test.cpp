@@ -150,11 +150,14 @@ TEST_CASE("decompositions: the shortest least squares are the pseudo-inverse") {
 
 TEST_CASE("decompositions: symmetric systems and inverses") {
   Random random(5);
-  for (const Eigen::Index n : {1, 3, 8}) {
+  for (const Eigen::Index n : {1, 3, 8, 50, 77}) {  // (columns of inverses come 32 at a time)
     const MatrixXd a = positive(random, n), b = random_matrix(random, n, 4);
     const Cholesky cholesky(a);
     REQUIRE(cholesky.good());
     CHECK(largest(a * cholesky.solve(b.col(0)) - b.col(0)) < 1e-12);
+    const MatrixXd root = cholesky.inverse_factor();
+    CHECK(largest(root * a * root.transpose() - MatrixXd::Identity(n, n)) < 1e-12);
+    CHECK(root.isLowerTriangular(0));
     // The product of the first k squares of L's diagonal is the leading minor.
     double product = 1;
     for (Eigen::Index k = 0; k < n; ++k) {
@@ -169,6 +172,15 @@ TEST_CASE("decompositions: symmetric systems and inverses") {
     CHECK(largest(indefinite * inverse_of_symmetric(indefinite) - MatrixXd::Identity(n, n)) <
           1e-12);
   }
+}
+
+TEST_CASE("decompositions: Gram matrices of any size") {
+  Random random(7);
+  for (const Eigen::Index rows : {0, 1, 8, 13, 40})
+    for (const Eigen::Index columns : {1, 5, 16, 61}) {
+      const MatrixXd a = random_matrix(random, rows, columns);
+      CHECK(largest(gram(a) - a.transpose() * a) < 1e-12);
+    }
 }
 
 TEST_CASE("decompositions: roots keep the Gram matrix") {
