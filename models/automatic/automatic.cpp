@@ -10,6 +10,7 @@
 #include "../rig/words.h"
 #include "grouped.h"
 #include "other_lens.h"
+#include "ripple_search.h"
 
 namespace kincal {
 
@@ -253,6 +254,28 @@ bool add_to_joints(const std::string& kind, AddsToJoints make, Model& model, Cal
   return model.options.begin.further.size() > before;
 }
 
+/// Looks for ripples with ratios that the rig does not state, one after the other.
+void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
+  model.options.progress.stage("ripples");
+  const std::vector<std::string>& kept = model.options.begin.further;
+  for (size_t before = kept.size() + 1; before != kept.size();) {
+    before = kept.size();
+    const std::optional<FoundRipple> found = find_ripple(joint_errors(best.fit));
+    if (!found) return;
+    const auto with = [&](const std::vector<std::string>&) {
+      Model out = model;
+      Rig rig = model.recording->rig;
+      JointTerms& terms = rig.joints[found->joint].terms;
+      terms.gear_ratios = {static_cast<double>(found->cycles)};
+      terms.ratios_found = true;
+      out.recording = with_ripple(model.recording->with_rig(std::move(rig)), {found->joint});
+      return out;
+    };
+    add_together({kRippleOf + model.recording->rig.tree.joints[found->joint].name}, with, model,
+                 best, record);
+  }
+}
+
 /// Weighs other lenses of cameras, and adds their change of the other parameters to the prediction.
 void weigh_lenses(Calibrated& best) {
   Prediction& prediction = *best.found.solution.prediction;
@@ -307,6 +330,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
       add_to_joints(kCurve, with_curves, model, best, record);
       // (After the curves: beside compliances they lie in a curved valley, where each fit is slow.)
       bend_joints({kLoads}, model, best, record);
+      search_ripples(model, best, record);
     } while (
         add_to_joints(kCouplingOf, with_coupling, model, best, record));  // (it hid the others)
     if (best.found.solution.prediction) weigh_lenses(best);

@@ -251,7 +251,11 @@ std::shared_ptr<const Recording> without_added(const Recording& recording) {
     JointTerms& terms = joint.terms;
     if (terms.backlash == 0) terms.backlash.reset();
     if (terms.temperature == 0) terms.temperature.reset();
-    if (all_zero(terms.ripple)) terms.ripple.clear();
+    if (all_zero(terms.ripple)) {
+      terms.ripple.clear();
+      if (terms.ratios_found) terms.gear_ratios.clear();
+      terms.ratios_found = false;
+    }
     if (all_zero(terms.coupling)) {
       terms.coupled_to.clear();
       terms.coupling.clear();

@@ -9,7 +9,7 @@
 //   backlash            of joints whose direction of approach the samples state
 //   time offsets        of sensors that measured while joints moved, if the samples state rates
 //   temperature         of joints, if the samples state different ones
-//   ripple/NAME         of a joint whose gear ratios the rig states
+//   ripple/NAME         of a joint whose gear ratios the rig states, or the data (ripple_search.h)
 //   curve/NAME          of a joint that turns
 //   coupling/NAME       of a joint that turns to the readings of those next to it
 //

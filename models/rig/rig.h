@@ -32,6 +32,7 @@ struct JointTerms {
   std::optional<double> backlash = {};     // half width, rad or m
   std::optional<double> temperature = {};  // rad/K or m/K
   std::vector<double> gear_ratios = {};    // cycles of a ripple in a turn of the joint
+  bool ratios_found = false;               // in the data: nobody states them
   std::vector<double> ripple = {};         // rad, kRipple values of each ratio; empty: not set
   std::vector<int> coupled_to = {};        // joints whose readings count as well
   std::vector<double> coupling = {};       // by how much, in their order

@@ -1,7 +1,7 @@
 """What positions depend on beside the reading, through the program: python3 conditions_test.py SOURCE_DIR KINCAL [TEST ...]
 
 An arm of five joints and a tracker of its hand, simulated with `backlash` and `time_offset` of the true robot's rig. Proves: the automatic path finds both from `approach` and `rates`, within
-4 sigmas of the truth, and temperatures, a ripple and a coupling as well; the written rig gives the same errors in `evaluate` and is its own input; a robot without any gets none; steps estimate them; without conditions they are
+4 sigmas of the truth, and temperatures, a ripple (also of a ratio that the rig does not state) and a coupling as well; the written rig gives the same errors in `evaluate` and is its own input; a robot without any gets none; steps estimate them; without conditions they are
 unobservable, by name; mistakes are named with line, field and valid values. Not proved: how often a term is found that is not there (docs/results.md).
 """
 import json
@@ -147,6 +147,18 @@ class Conditions(Folder):
             if name.endswith(("/temperature", "/ripple", "/coupling")):
                 for a, b, sigma in zip(again[name]["value"], value["value"], value["sigma"]):
                     self.assertLess(abs(a - b), 0.05 * sigma, name)  # (noise and widths are learned anew)
+
+    def test_ripple_without_ratio(self):
+        self.write("true.yaml", with_terms({"ripple": TERMS["ripple"]}))
+        self.kincal("simulate", "true.yaml", "--samples", "160", "--seed", "7", "--out", "made", "--quiet")
+        self.write("rig.yaml", rig())
+        self.kincal("calibrate", "rig.yaml", self.path("made", "samples.jsonl"), "--out", "found", "--no-report")
+        result = self.result("found")
+        self.assertEqual([g["group"] for g in result["automatic"] if g["group"].startswith("ripple/") and not g.get("held")], ["ripple/c"])
+        self.assertIn("gear_ratio: 100", self.read("found", "rig.yaml").replace("[100]", "100"))
+        found = result["parameters"]["joint/c/ripple"]
+        for value, sigma, truth in zip(found["value"], found["sigma"], TERMS["ripple"]["c"]):
+            self.assertLess(abs(value - truth), 4 * sigma)
 
     def test_no_terms(self):
         self.write("true.yaml", with_terms({"temperature": dict.fromkeys(JOINTS, 0)}))

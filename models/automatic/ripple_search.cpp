@@ -1,0 +1,93 @@
+#include "ripple_search.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "../../solver/decompositions.h"
+#include "../../solver/observability.h"
+#include "width_problem.h"
+
+namespace kincal {
+namespace {
+
+constexpr int kFewestCycles = 3, kMostCycles = 400;  // in a turn: fewer are those of error curves
+constexpr int kDraws = 20;                           // the largest is about the 95 % point
+constexpr double kAboveChance = 1.5;
+constexpr size_t kLeastPostures = 100;
+
+/// By draw: the gain in chi2 of a ripple of a joint; `sign` has a column for each draw.
+VectorXd gains(const JointErrors& errors, int cycles, const MatrixXd& sign) {
+  const auto count = static_cast<Eigen::Index>(errors.reading.size());
+  MatrixXd weighted(3, count);
+  Matrix3d m = Matrix3d::Zero();
+  for (Eigen::Index s = 0; s < count; ++s) {
+    const double angle = cycles * errors.reading[s];
+    const Vector3d f(1, std::cos(angle), std::sin(angle));
+    m += errors.curvature[s] * f * f.transpose();
+    weighted.col(s) = errors.slope[s] * f;
+  }
+  if (!(m(0, 0) > 0)) return VectorXd::Zero(sign.cols());
+  const MatrixXd g = weighted * sign, solved = solve_symmetric(m, g);
+  return (g.cwiseProduct(solved).colwise().sum() - g.row(0).cwiseAbs2() / m(0, 0)).transpose();
+}
+
+}  // namespace
+
+std::vector<JointErrors> joint_errors(const FitWithGroups& fit) {
+  const Recording& recording = *fit.recording;
+  if (recording.training().size() < kLeastPostures) return {};
+  const DataProblem data = data_problem(recording, fit.setup, fit.values, fit.groups);
+  std::vector<JointErrors> out;
+  std::vector<int> of_column(data.problem->columns().size(), -1);
+  for (size_t c = 0; c < of_column.size(); ++c) {
+    const Parameter& p = recording.table.all[data.problem->columns()[c].parameter];
+    if (p.kind != ParameterKind::joint_offset) continue;
+    if (recording.rig.tree.joints[p.owner].type == JointType::prismatic ||
+        !recording.rig.joints[p.owner].terms.gear_ratios.empty())
+      continue;
+    of_column[c] = static_cast<int>(out.size());
+    out.push_back({p.owner, {}, {}, {}});
+  }
+  MatrixXd rows;
+  long rank = 0;
+  for (size_t g = 0; g < data.problem->groups().size(); ++g) {
+    const int sample = data.problem->sample_of(static_cast<int>(g));
+    if (sample < 0) continue;  // priors
+    const GroupShape& shape = data.problem->groups()[g];
+    data.problem->square_root(static_cast<int>(g), data.state, 0, rows);
+    const MatrixXd left = eliminate(std::move(rows), shape.private_size, rank);
+    const VectorXd residual = left.col(left.cols() - 1);
+    std::vector<VectorXd> by(out.size());
+    for (size_t i = 0; i < shape.columns.size(); ++i)
+      if (const int k = of_column[shape.columns[i]]; k >= 0)
+        by[k] = left.col(static_cast<Eigen::Index>(i));
+    for (size_t k = 0; k < out.size(); ++k) {
+      const bool depends = by[k].size() > 0;
+      out[k].reading.push_back(depends ? recording.samples[sample].readings[out[k].joint] : 0);
+      out[k].curvature.push_back(depends ? by[k].squaredNorm() : 0);
+      out[k].slope.push_back(depends ? by[k].dot(residual) : 0);
+    }
+  }
+  return out;
+}
+
+std::optional<FoundRipple> find_ripple(const std::vector<JointErrors>& errors) {
+  if (errors.empty()) return {};
+  std::mt19937_64 random(1);
+  MatrixXd sign(static_cast<Eigen::Index>(errors[0].reading.size()), kDraws + 1);
+  for (Eigen::Index i = 0; i < sign.size(); ++i) sign.data()[i] = (random() >> 40) & 1 ? 1 : -1;
+  sign.col(0).setOnes();
+  VectorXd most = VectorXd::Zero(sign.cols());
+  FoundRipple best;
+  for (const JointErrors& one : errors)
+    for (int cycles = kFewestCycles; cycles <= kMostCycles; ++cycles) {
+      const VectorXd gain = gains(one, cycles, sign);
+      if (gain(0) > most(0)) best = {one.joint, cycles};
+      most = most.cwiseMax(gain);
+    }
+  if (!(most(0) > kAboveChance * most.tail(kDraws).maxCoeff())) return {};
+  return best;
+}
+
+}  // namespace kincal
