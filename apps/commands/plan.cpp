@@ -1,10 +1,12 @@
 // `kincal plan`: which postures to record next, and the accuracy that they will give.
 #include <cstdio>
+#include <filesystem>
 #include <iostream>
 
 #include "../../io/document/files.h"
 #include "../../io/job/plan.h"
 #include "../../io/job/plan_verify.h"
+#include "../../io/results/read_calibrated.h"
 #include "../job.h"
 #include "../signals.h"
 #include "command.h"
@@ -47,10 +49,14 @@ int plan(PlanArguments a) {
   a.page.force = a.force;
   check_output_file(a.out, a.force);
   check_page_file(a.page);
-  const RigFile rig_file = read_rig(rig_path(a.rig));
+  const CalibratedFiles files = read_calibrated(a.rig);
+  const RigFile& rig_file = files.rig_file;
   if (a.verify) return plan_verification(a, rig_file);
   PlanSettings settings = a.settings;
   settings.clearance = a.no_clearance ? -1 : a.clearance / 1000;
+  const std::string beside =
+      (std::filesystem::path(rig_file.path).parent_path() / "samples.csv").string();
+  settings.known = known_robot(files, file_exists(beside) ? read_file(beside) : "");
   if (!a.postures.empty()) settings.postures = NamedText{a.postures, read_file(a.postures)};
   ProgressLine line(a.quiet || a.json);
   std::optional<SampleSet> samples;

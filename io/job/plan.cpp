@@ -27,6 +27,7 @@ constexpr int kGoalPostures = 300, kDraws = 4, kRandomDesigns = 10;
 /// What is known before: the robot, the unknowns of its calibration, and their information.
 struct Before {
   std::shared_ptr<const Recording> recording;  // of the samples there are; else without any
+  std::vector<Readings> stood;                 // where samples were recorded
   CalibratedRobot robot;
   EstimationSetup setup;
   MatrixXd known;
@@ -51,6 +52,7 @@ Before after_samples(const RigFile& rig_file, const SampleSet& samples,
   unknowns.columns = solution.columns;
   out.robot = {&out.recording->rig, &out.recording->table, solution.values.shared,
                std::move(unknowns)};
+  for (const Sample& sample : solution.samples()) out.stood.push_back(sample.readings);
   std::vector<Sample> training;
   std::map<std::pair<int, int>, Pose> targets;
   for (const int i : solution.training()) {
@@ -89,6 +91,29 @@ Before before_samples(const RigFile& rig_file, std::vector<Sample> samples,
   out.robot = {&out.recording->rig, &out.recording->table, out.recording->table.initial,
                std::move(unknowns)};
   out.known = known_before(out.robot, out.setup);
+  return out;
+}
+
+/// After a calibration whose estimates and covariance are known. What it did not determine has its
+/// usual errors; what it knew exactly takes no part.
+Before after_calibration(const KnownRobot& result) {
+  const CalibratedRobot& calibrated = result.robot;
+  Before out;
+  out.stood = result.stood;
+  out.recording = std::make_shared<Recording>(*calibrated.rig, std::vector<Sample>());
+  out.setup.sensors.resize(calibrated.rig->sensors.size());
+  std::iota(out.setup.sensors.begin(), out.setup.sensors.end(), 0);
+  const Unknowns& unknowns = *calibrated.unknowns;
+  for (size_t i = 0; i < unknowns.columns.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    if (unknowns.covariance(row, row) > 0 || !unknowns.undetermined.row(row).isZero(0))
+      merge(out.setup.free, {{unknowns.columns[i].parameter, {unknowns.columns[i].index}}});
+  }
+  Unknowns own;
+  own.columns = components_of(out.setup.free);
+  own.charts = unknowns.charts;
+  out.robot = {&out.recording->rig, &out.recording->table, calibrated.values, std::move(own)};
+  out.known = known_after(out.robot, out.setup, unknowns);
   return out;
 }
 
@@ -149,16 +174,12 @@ void keep_certain_views(const Before& before, const PlanSettings& settings, Post
   of.postures = std::move(kept);
 }
 
-/// Leaves out postures in which links come near each other. `measured`: the robot stood as the
-/// recording has it.
-void keep_clear(const RigFile& rig_file, const Before& before, bool measured,
-                const PlanSettings& settings, PosturePlan& plan, std::vector<Posture>& postures) {
+/// Leaves out postures in which links come near each other.
+void keep_clear(const RigFile& rig_file, const Before& before, const PlanSettings& settings,
+                PosturePlan& plan, std::vector<Posture>& postures) {
   const Rig& rig = *before.robot.rig;
-  std::vector<Readings> safe;
-  if (measured)
-    for (const Sample& sample : before.recording->samples) safe.push_back(sample.readings);
   const Clearance clearance =
-      robot_clearance(rig_file, before.robot, safe, settings.clearance, plan.notes);
+      robot_clearance(rig_file, before.robot, before.stood, settings.clearance, plan.notes);
   if (clearance.empty()) return;
   std::vector<Readings> all;  // configurations refer to their readings
   for (const Posture& posture : postures) all.push_back(completed(posture.readings));
@@ -344,12 +365,21 @@ Clearance robot_clearance(const RigFile& rig_file, const CalibratedRobot& robot,
   return out;
 }
 
+std::optional<KnownRobot> known_robot(const CalibratedFiles& files,
+                                      const std::string& samples_csv) {
+  if (!files.unknowns) return std::nullopt;
+  return KnownRobot{files.robot(),
+                    training_readings(samples_csv, files.path, files.rig_file.rig.tree).readings};
+}
+
 PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
                           const PlanSettings& settings, const Progress& progress) {
   PosturePlan plan;
   Before before;
   if (samples) {
     before = after_samples(rig_file, *samples, settings, progress);
+  } else if (settings.known) {
+    before = after_calibration(*settings.known);
   } else {
     before.recording = std::make_shared<Recording>(rig_file.rig, std::vector<Sample>());
     refuse_open_poses(rig_file, before.recording->table);
@@ -389,9 +419,8 @@ PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
         posture.targets[it->first.second] = it->second;
     of.postures.push_back(std::move(posture));
   }
-  if (!samples) before = before_samples(rig_file, first.samples, settings);
-  if (settings.clearance >= 0)
-    keep_clear(rig_file, before, samples != nullptr, settings, plan, of.postures);
+  if (!before.robot.unknowns) before = before_samples(rig_file, first.samples, settings);
+  if (settings.clearance >= 0) keep_clear(rig_file, before, settings, plan, of.postures);
   keep_certain_views(before, settings, plan, of);
   if (of.postures.empty())
     throw InputError(rig_file.path + ": no candidate is left: " +
@@ -481,10 +510,6 @@ namespace {
 std::string size_of(const DesignGoal& goal, double error) {
   return goal.unit == "m" ? text("%.3g mm", 1e3 * error) : text("%.3g", error);
 }
-
-}  // namespace
-
-namespace {
 
 /// How many candidates were left out, and the main reasons.
 std::string left_out_text(const PosturePlan& plan) {

@@ -10,11 +10,21 @@
 #include "../../models/design/design.h"
 #include "../../models/simulation/posture.h"
 #include "../results/json_values.h"
+#include "../results/read_calibrated.h"
 #include "../results/results.h"
 #include "job.h"
 #include "simulate.h"
 
 namespace kincal {
+
+/// A KnownRobot is a calibrated robot with its covariance, and the readings of its samples.
+struct KnownRobot {
+  CalibratedRobot robot;
+  std::vector<Readings> stood;
+};
+/// Returns what a result says; nullopt if it has no covariance. `samples_csv` may be empty.
+/// Refers to the files. @throws InputError
+std::optional<KnownRobot> known_robot(const CalibratedFiles& files, const std::string& samples_csv);
 
 struct PlanSettings {
   int next = 20, candidates = 2000;
@@ -23,6 +33,7 @@ struct PlanSettings {
   std::optional<NamedText> postures;  // candidates that are known to be safe
   double clearance = 0.02;            // m between links; below 0: they are not looked at
   Words words = Words::switches;
+  std::optional<KnownRobot> known;  // of a result; what counts if no samples are given
 };
 
 /// A PlanStep is a row of the forecast: predicted errors of the calibration after so many postures.

@@ -15,7 +15,6 @@
 #include "../document/json.h"
 #include "../document/numbers.h"
 #include "../results/comparison.h"
-#include "../results/csv.h"
 #include "require.h"
 
 namespace kincal {
@@ -72,41 +71,14 @@ InstrumentViews measured_views(const Rig& rig, const SampleSet& samples,
   return pairs.begin()->second;
 }
 
-/// Readings of the calibration's training samples, by joint index, and their ids.
-struct SeenSamples {
-  std::vector<std::string> ids;
-  std::vector<Readings> readings;
-};
-SeenSamples seen_samples(const VerifiedResult& result) {
-  const Tree& tree = result.files.rig_file.rig.tree;
-  SeenSamples out;
-  std::vector<int> joints;  // by column; -1: no reading
-  const std::string where = result.files.path + ": samples.csv";
-  for_each_csv_row(result.samples_csv, [&](const std::vector<std::string>& row) {
-    if (joints.empty()) {
-      const std::string key = "reading/";
-      for (const std::string& name : row)
-        joints.push_back(name.rfind(key, 0) == 0 ? tree.find_joint(name.substr(key.size())) : -1);
-      return;
-    }
-    if (row.size() != joints.size() || row[1] != "train") return;
-    Readings readings(tree.joints.size(), kNan);
-    for (size_t c = 0; c < row.size(); ++c)
-      if (joints[c] >= 0 && !row[c].empty()) readings[joints[c]] = csv_number(row[c], where);
-    out.ids.push_back(row[0]);
-    out.readings.push_back(std::move(readings));
-  });
-  return out;
-}
-
 std::vector<double> of_joints(const Readings& readings, const std::vector<int>& joints) {
   std::vector<double> out;
   for (const int j : joints) out.push_back(std::isnan(readings[j]) ? kInfinity : readings[j]);
   return out;
 }
 
-void refuse_seen(const VerifiedResult& result, const SeenSamples& seen, const SampleSet& samples,
-                 const InstrumentViews& measured) {
+void refuse_seen(const VerifiedResult& result, const TrainingReadings& seen,
+                 const SampleSet& samples, const InstrumentViews& measured) {
   const Node node = parse_json(result.result_json, result.files.path);
   const Field all = top(node, result.files.path);
   if (all.has("input") && all["input"].has("samples") &&
@@ -357,8 +329,9 @@ double box(const std::vector<VerifiedView>& views) {
 }
 
 /// Refuses too few postures, and postures in one place.
-void refuse_narrow(const VerifiedResult& result, const SeenSamples& seen, const SampleSet& samples,
-                   const InstrumentViews& measured, const std::vector<VerifiedView>& postures) {
+void refuse_narrow(const VerifiedResult& result, const TrainingReadings& seen,
+                   const SampleSet& samples, const InstrumentViews& measured,
+                   const std::vector<VerifiedView>& postures) {
   if (static_cast<int>(postures.size()) < kFewestPostures)
     throw InputError(samples.path + ": " + std::to_string(postures.size()) +
                      " different postures are too few: at least " +
@@ -508,7 +481,7 @@ Verification verify(const VerifiedResult& result, const SampleSet& samples,
   Verification out;
   if (!settings.tolerance.empty()) out.tolerance = parse_tolerance(rig, settings, out.largest);
   const InstrumentViews measured = measured_views(rig, samples, settings);
-  const SeenSamples seen = seen_samples(result);
+  const TrainingReadings seen = training_readings(result.samples_csv, files.path, rig.tree);
   refuse_seen(result, seen, samples, measured);
   MeasuredPoint what =
       measured_point(files, measured, out.tolerance ? &*out.tolerance : nullptr, settings);

@@ -193,6 +193,28 @@ CalibratedState state_of(const CalibratedFiles& files) {
   return out;
 }
 
+TrainingReadings training_readings(const std::string& samples_csv, const std::string& path,
+                                   const Tree& tree) {
+  TrainingReadings out;
+  std::vector<int> joints;  // by column; -1: no reading
+  const std::string where = path + ": samples.csv";
+  for_each_csv_row(samples_csv, [&](const std::vector<std::string>& row) {
+    if (joints.empty()) {
+      const std::string key = "reading/";
+      for (const std::string& name : row)
+        joints.push_back(name.rfind(key, 0) == 0 ? tree.find_joint(name.substr(key.size())) : -1);
+      return;
+    }
+    if (row.size() != joints.size() || row[1] != "train") return;
+    Readings readings(tree.joints.size(), kNan);
+    for (size_t c = 0; c < row.size(); ++c)
+      if (joints[c] >= 0 && !row[c].empty()) readings[joints[c]] = csv_number(row[c], where);
+    out.ids.push_back(row[0]);
+    out.readings.push_back(std::move(readings));
+  });
+  return out;
+}
+
 std::string verdict_doubt(const Field& result) {
   if (!result.has("verdict")) return "";
   const Field verdict = result["verdict"];

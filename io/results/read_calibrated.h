@@ -47,6 +47,15 @@ CalibratedFiles parse_calibrated(const ResultFiles& files, const std::string& fo
 /// Returns the initial state of a monitor. @throws InputError: the files have no covariance
 CalibratedState state_of(const CalibratedFiles& files);
 
+/// TrainingReadings are the readings of a calibration's training samples, with their ids.
+struct TrainingReadings {
+  std::vector<std::string> ids;
+  std::vector<Readings> readings;
+};
+/// Reads a samples.csv of the result at `path`. @throws InputError
+TrainingReadings training_readings(const std::string& samples_csv, const std::string& path,
+                                   const Tree& tree);
+
 /// Returns the reason in a result.json not to use the result: its verdict, or "" if the verdict is
 /// good.
 std::string verdict_doubt(const Field& result);

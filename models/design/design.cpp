@@ -284,6 +284,22 @@ MatrixXd known_before(const CalibratedRobot& robot, const EstimationSetup& setup
   return out.asDiagonal();
 }
 
+MatrixXd known_after(const CalibratedRobot& robot, const EstimationSetup& setup,
+                     const Unknowns& calibration) {
+  const std::vector<Component>&columns = robot.unknowns->columns, &known = calibration.columns;
+  std::vector<Index> to, from;  // rows of H_0, and of the covariance
+  for (size_t i = 0; i < columns.size(); ++i) {
+    const Index row = std::find(known.begin(), known.end(), columns[i]) - known.begin();
+    if (row == static_cast<Index>(known.size()) || !calibration.undetermined.row(row).isZero(0))
+      continue;
+    to.push_back(static_cast<Index>(i));
+    from.push_back(row);
+  }
+  MatrixXd out = known_before(robot, setup);
+  out(to, to) = inverse_of_symmetric(calibration.covariance(from, from));
+  return out;
+}
+
 void add_information(const std::vector<SampleRows>& samples, MatrixXd& information) {
   for (const SampleRows& s : samples) {
     const MatrixXd square = s.rows.transpose() * s.rows;

@@ -65,6 +65,10 @@ std::vector<SampleRows> sample_rows(const CalibratedRobot& robot, const Estimati
 
 /// Returns H_0: priors; without a prior, usual errors.
 MatrixXd known_before(const CalibratedRobot& robot, const EstimationSetup& setup);
+/// Returns H_0 after a calibration: the inverse of its covariance; for what it did not determine,
+/// that of known_before().
+MatrixXd known_after(const CalibratedRobot& robot, const EstimationSetup& setup,
+                     const Unknowns& calibration);
 /// Adds the information of samples to `information`.
 void add_information(const std::vector<SampleRows>& samples, MatrixXd& information);
 

@@ -1,7 +1,7 @@
 """`kincal plan`: python3 plan_test.py SOURCE_DIR KINCAL [TEST ...]
 
 An arm of six joints with a camera on its flange and a board on the table, and the PR2-like robot of the examples. Proves: planned postures are within limits, their views are possible, `simulate` takes them; robots that are calibrated with them are as
-wrong as predicted and less than with random postures of the same candidates (pooled over 12 robots); a plan after samples is worth less than one without; candidates of a file are chosen from; a tolerance is judged; links that come near each other are
+wrong as predicted and less than with random postures of the same candidates (pooled over 12 robots); a plan after samples is worth less than one without, and the same after their result; candidates of a file are chosen from; a tolerance is judged; links that come near each other are
 left out; the same seed gives the same plan; its page has the forecast and the robot in each posture; mistakes are named, and nothing is written then. Does not prove: gains on real robots.
 """
 import json
@@ -132,6 +132,10 @@ class Plan(unittest.TestCase):
         more, _ = self.plan(self.path("first/samples.jsonl"), "--next", "10", "--candidates", "200")
         self.assertAlmostEqual(more["forecast"][0]["planned"] / told["forecast"][-1]["planned"], 1, delta=0.2)
         self.assertLess(more["forecast"][-1]["planned"], more["forecast"][0]["planned"])
+        run("calibrate", self.rig, self.path("first/samples.jsonl"), "--out", self.path("first/result"), "--quiet", "--no-report")
+        of_result, _ = self.plan("--next", "10", "--candidates", "200", rig=self.path("first/result"))
+        for own, others in zip(of_result["forecast"], more["forecast"]):
+            self.assertAlmostEqual(own["planned"] / others["planned"], 1, delta=0.05)
 
     def test_goal(self):
         told, _ = self.plan("--next", "10", "--candidates", "200", "--goal", "frame/flange<3mm")
