@@ -10,6 +10,7 @@
 #include "../../models/analysis/linearisation.h"
 #include "../../models/automatic/automatic.h"
 #include "../../models/calibration/plan.h"
+#include "../../models/joints/curve_joint.h"
 #include "../../models/rig/random_stream.h"
 #include "../../models/rig/words.h"
 #include "../results/comparison.h"
@@ -332,6 +333,52 @@ void set_assumed(const Before& before, const Simulation& candidates, PosturePlan
   out.recording = make_recording(before.recording->with_samples(std::move(samples)));
 }
 
+/// Where a joint's error curve depends on a value that no sample depends on.
+std::vector<std::pair<double, double>> unvisited_ranges(const std::vector<Sample>& samples,
+                                                        const Joint& joint, int index) {
+  constexpr double kPiece = 2 * kPi / CurveJoint::kValues, kRounding = 1e-9;
+  const CurveJoint curve;
+  const std::vector<char> seen = numbers_seen(samples, index, curve);
+  const auto [low, high] = usual_range(joint);
+  std::vector<std::pair<double, double>> out;
+  for (double i = std::floor(low / kPiece + kRounding); i * kPiece < high - kRounding; ++i) {
+    const int piece = curve.piece((i + 0.5) * kPiece);
+    bool open = false;
+    for (int k = 0; k < curve.size() && !open; ++k) open = !seen[k] && curve.depends(k, piece);
+    if (!open) continue;
+    const double from = std::max(low, i * kPiece), to = std::min(high, (i + 1) * kPiece);
+    if (!out.empty() && out.back().second == from)
+      out.back().second = to;
+    else
+      out.push_back({from, to});
+  }
+  return out;
+}
+
+/// Of joints that have an error curve, or for which the automatic path tries one.
+void set_unvisited(const RigFile& rig_file, const Before& before, const Simulation& candidates,
+                   PosturePlan& plan) {
+  const Rig& rig = *before.robot.rig;
+  std::vector<std::string> tried;
+  if (rig_file.rig.steps.empty())
+    tried = make_groups(Recording(rig_file.rig, candidates.samples), {}).further;
+  std::vector<Sample> samples;
+  const auto add = [&](const Readings& readings) {
+    samples.emplace_back();
+    samples.back().readings = readings;
+  };
+  for (const Readings& readings : before.stood) add(readings);
+  for (const Posture& posture : plan.postures) add(posture.readings);
+  for (size_t j = 0; j < rig.joints.size(); ++j) {
+    const Joint& joint = rig.tree.joints[j];
+    if (rig.joints[j].model->name() != CurveJoint().name() &&
+        std::find(tried.begin(), tried.end(), kCurve + joint.name) == tried.end())
+      continue;
+    auto ranges = unvisited_ranges(samples, joint, static_cast<int>(j));
+    if (!ranges.empty()) plan.unvisited.push_back({joint.name, std::move(ranges)});
+  }
+}
+
 }  // namespace
 
 Clearance robot_clearance(const RigFile& rig_file, const CalibratedRobot& robot,
@@ -444,6 +491,7 @@ PosturePlan plan_postures(const RigFile& rig_file, const SampleSet* samples,
   for (const int i : design.chosen) plan.postures.push_back(*by_id.at(of.simulation.samples[i].id));
   plan.postures = short_to_drive(plan.postures);
   set_assumed(before, of.simulation, plan);
+  set_unvisited(rig_file, before, of.simulation, plan);
   return plan;
 }
 
@@ -469,12 +517,14 @@ std::string postures_text(const Rig& rig, const std::vector<Posture>& postures) 
 }
 
 Json plan_json(const PosturePlan& plan) {
-  Json forecast = Json::array(), left_out = Json::object(), ids = Json::array();
+  Json forecast = Json::array(), left_out = Json::object(), ids = Json::array(),
+       unvisited = Json::object();
   for (const PlanStep& step : plan.forecast)
     forecast.push_back(
         {{"postures", step.postures}, {"planned", step.planned}, {"random", step.random}});
   for (const auto& [why, count] : plan.left_out) left_out[why] = count;
   for (const Posture& posture : plan.postures) ids.push_back(posture.id);
+  for (const UnvisitedAngles& of : plan.unvisited) unvisited[of.joint] = of.ranges;
   return {{"goal", plan.goal.name},
           {"unit", plan.goal.unit},
           {"tolerance", plan.tolerance ? Json(plan.tolerance->limit) : Json()},
@@ -486,6 +536,7 @@ Json plan_json(const PosturePlan& plan) {
           {"needed", plan.needed < 0 ? Json() : Json(plan.needed)},
           {"candidates", plan.candidates},
           {"left_out", left_out},
+          {"unvisited", unvisited},
           {"notes", plan.notes}};
 }
 
@@ -564,6 +615,14 @@ std::string plan_text(const PosturePlan& plan) {
         "Only %zu of %d postures: no other candidate is left. More candidates, or priors of "
         "the mounts in the rig, give more.\n",
         plan.postures.size(), plan.asked);
+  if (!plan.unvisited.empty())
+    out += "Without a sample, so that an error curve keeps its prior there (rad):\n";
+  for (const UnvisitedAngles& of : plan.unvisited) {
+    out += "  " + of.joint + ":";
+    for (size_t i = 0; i < of.ranges.size(); ++i)
+      out += text("%s %.2f to %.2f", i ? "," : "", of.ranges[i].first, of.ranges[i].second);
+    out += "\n";
+  }
   out += left_out_text(plan);
   for (const std::string& note : plan.notes) out += "Note: " + note + ".\n";
   return out;

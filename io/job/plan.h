@@ -42,6 +42,13 @@ struct PlanStep {
   double planned = 0, random = 0;
 };
 
+/// UnvisitedAngles are readings of a joint with an error curve, within its limits, of which no
+/// sample will say anything: values of the curve there keep their prior.
+struct UnvisitedAngles {
+  std::string joint;
+  std::vector<std::pair<double, double>> ranges;  // rad, ascending
+};
+
 struct PosturePlan {
   DesignGoal goal;
   std::optional<Requirement> tolerance;
@@ -53,6 +60,7 @@ struct PosturePlan {
   int needed = -1;                       // for the tolerance; -1: it is out of reach
   int candidates = 0, asked = 0;         // asked: postures to choose
   std::vector<std::pair<std::string, int>> left_out;  // why, and how many candidates
+  std::vector<UnvisitedAngles> unvisited;             // after these postures
   std::vector<std::string> notes;
   Solution assumed;  // the robot as it is known before; its samples are `postures`, without points
 };

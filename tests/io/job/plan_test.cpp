@@ -1,7 +1,7 @@
 // io/job/plan. Proves: a result without samples is planned from its covariance, as its rig is after
 // its samples; what the result did not determine has its usual error, and what it knew exactly
-// takes no part. Does not prove: that plans are good
-// (tests/models/design, program/plan_test.py).
+// takes no part; ranges without a sample are those of the curve's values that no sample reaches.
+// Does not prove: that plans are good (tests/models/design, program/plan_test.py).
 #include <catch2/catch.hpp>
 #include <string>
 
@@ -70,6 +70,57 @@ TEST_CASE("a result is planned from its covariance") {
   unknowns.undetermined.setZero(unknowns.covariance.rows(), 1);
   unknowns.undetermined(0, 0) = 1;
   CHECK(planned(files.rig_file, nullptr, known, name).forecast.front().planned > 10 * error);
+}
+
+namespace {
+
+/// A point on a link that turns about z by `limits`, seen by a tracker on the base.
+std::string turning(const std::string& sensor_pose) {
+  return "{format: kincal/1, robot: robot.urdf, base: base, joints: {turn: {sigma: 0.0003, model: "
+         "curve}}, targets: {points: {type: points, points: [[0, 0, 0], [0.1, 0, 0], [0, 0.1, "
+         "0.1]], mount: {link: arm, pose: {xyz: [0.3, 0, 0]}}}}, sensors: {tracker: {type: point, "
+         "link: base, sigma: 0.0001" +
+         sensor_pose +
+         "}}, estimate: [{step: all, free: [joint/turn/curve, sensor/tracker/pose], priors: "
+         "{joint/turn/curve: 0.0003}}]}";
+}
+
+RigFile turning_rig(const std::string& sensor_pose) {
+  const Urdf robot = parse_urdf(
+      "<robot name='r'><link name='base'/><link name='arm'/><joint name='turn' type='revolute'>"
+      "<parent link='base'/><child link='arm'/><axis xyz='0 0 1'/><limit lower='-1.5' upper='2' "
+      "effort='1' velocity='1'/></joint></robot>",
+      "robot.urdf");
+  return parse_rig(turning(sensor_pose), "rig.yaml", &robot);
+}
+
+}  // namespace
+
+TEST_CASE("a plan says which angles of an error curve stay without a sample") {
+  const RigFile rig = turning_rig(", pose: {xyz: [0, 0, 1]}");
+  PlanSettings settings = small_plan();
+  const double piece = 2 * kPi / 96;
+  std::string postures;  // in every piece from -0.5 to 1, but for a gap of four and one of three
+  for (int i = -8; i < 15; ++i)
+    if ((i < -2 || i > 1) && (i < 6 || i > 8))
+      postures += "{\"id\": \"p" + std::to_string(i) +
+                  "\", \"joints\": {\"turn\": " + std::to_string((i + 0.5) * piece) + "}}\n";
+  settings.postures = NamedText{"postures", postures};
+  settings.next = 100;
+  const PosturePlan plan = plan_postures(rig, nullptr, settings, {});
+  REQUIRE(plan.unvisited.size() == 1);
+  CHECK(plan.unvisited[0].joint == "turn");
+  const auto& ranges = plan.unvisited[0].ranges;
+  REQUIRE(ranges.size() == 3);
+  CHECK(ranges[0].first == -1.5);
+  CHECK(ranges[0].second == Approx(-8 * piece));
+  CHECK(ranges[1].first == Approx(-2 * piece));
+  CHECK(ranges[1].second == Approx(2 * piece));
+  CHECK(ranges[2].first == Approx(15 * piece));
+  CHECK(ranges[2].second == 2);
+  CHECK(plan_json(plan)["unvisited"]["turn"].size() == 3);
+  CHECK(plan_text(plan).find("turn: -1.50 to -0.52, -0.13 to 0.13, 0.98 to 2.00") !=
+        std::string::npos);
 }
 
 }  // namespace plan_test
