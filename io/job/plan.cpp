@@ -119,9 +119,14 @@ Before after_calibration(const KnownRobot& result) {
 }
 
 void refuse_open_poses(const RigFile& rig_file, const ParameterTable& table) {
-  for (const int p : open_poses(rig_file.rig, table))
-    throw InputError(rig_file.path + ": nobody knows where " + table.all[p].name +
-                     " is: give its pose, or the samples there are");
+  const std::vector<int> open = open_poses(rig_file.rig, table);
+  if (open.empty()) return;
+  std::vector<std::string> names;
+  for (const int p : open) names.push_back(table.all[p].name);
+  throw InputError(rig_file.path + ": the rig has no value of " + listed(names, names.size()) +
+                   ", so that no view can be predicted: give each in the rig (`pose` of the "
+                   "sensor, or in the `mount` of the target), or record some samples first and "
+                   "plan with these, which determine them");
 }
 
 /// Candidates: postures with the views that they certainly have.

@@ -194,7 +194,7 @@ class Plan(unittest.TestCase):
             self.assertIn(words, run("plan", self.rig, "--out", out, *more, code=1))
         with open(self.path("open.yaml"), "w") as f:
             f.write(RIG.replace(", pose: {xyz: [0.05, 0, 0.03]}", ""))
-        self.assertIn("nobody knows where sensor/camera/pose is", run("plan", self.path("open.yaml"), "--out", out, code=1))
+        self.assertIn("the rig has no value of sensor/camera/pose, so that", run("plan", self.path("open.yaml"), "--out", out, code=1))
         with open(self.path("behind.yaml"), "w") as f:
             f.write(RIG.replace("rpy: [3.14159265358979, 0, 0]", "rpy: [0, 0, 0]").replace("xyz: [0.4, 0.1, 0]", "xyz: [40, 0.1, 0]"))
         self.assertIn("no random posture shows enough", run("plan", self.path("behind.yaml"), "--candidates", "10", "--out", out, code=1))

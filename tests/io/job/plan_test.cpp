@@ -1,7 +1,8 @@
 // io/job/plan. Proves: a result without samples is planned from its covariance, as its rig is after
 // its samples; what the result did not determine has its usual error, and what it knew exactly
-// takes no part; ranges without a sample are those of the curve's values that no sample reaches.
-// Does not prove: that plans are good (tests/models/design, program/plan_test.py).
+// takes no part; ranges without a sample are those of the curve's values that no sample reaches; a
+// rig without poses is refused with their names. Does not prove: that plans are good
+// (tests/models/design, program/plan_test.py).
 #include <catch2/catch.hpp>
 #include <string>
 
@@ -121,6 +122,12 @@ TEST_CASE("a plan says which angles of an error curve stay without a sample") {
   CHECK(plan_json(plan)["unvisited"]["turn"].size() == 3);
   CHECK(plan_text(plan).find("turn: -1.50 to -0.52, -0.13 to 0.13, 0.98 to 2.00") !=
         std::string::npos);
+}
+
+TEST_CASE("a plan of a rig without poses says which are missing") {
+  CHECK_THROWS_WITH(plan_postures(turning_rig(""), nullptr, small_plan(), {}),
+                    Catch::Contains("no value of sensor/tracker/pose") &&
+                        Catch::Contains("record some samples first"));
 }
 
 }  // namespace plan_test
