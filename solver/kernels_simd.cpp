@@ -545,24 +545,29 @@ void add_rows(double* a, int lda, const double* b, int ldb, int rows, int column
       store(a + j, load(a + j) + load(b + j));
 }
 
-/// combine() for any depth, four rows at a time; more than 6 parameters because kernels take plain
+/// Four rows and J packs of columns of a product; more than 6 parameters because kernels take plain
 /// pointers.
+template <int J>
+inline void multiply_tile(const double* f, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int depth,
+                          const double* g, int ldg, double* out, int ld) {
+  Pack s[4][J] = {};
+  for (int r = 0; r < depth; ++r, f += step_r, g += ldg)
+    for (int q = 0; q < 4; ++q)
+      for (int j = 0; j < J; ++j) s[q][j] += load(g + j * kLanes) * f[q * step_i];
+  for (int q = 0; q < 4; ++q, out += ld)
+    for (int j = 0; j < J; ++j) store(out + j * kLanes, s[q][j]);
+}
+
+/// combine() for any depth; more than 6 parameters because kernels take plain pointers.
 void multiply(const double* f, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int rows, int depth,
               const double* g, int ldg, int columns, double* out, int ld) {
-  int i = 0;
-  for (; i + 4 <= rows; i += 4)
-    for (int j = 0; j < columns; j += kLanes) {
-      Pack s[4] = {};
-      const double* by = f + i * step_i;
-      for (int r = 0; r < depth; ++r, by += step_r) {
-        const Pack x = load(g + static_cast<std::ptrdiff_t>(r) * ldg + j);
-        for (int q = 0; q < 4; ++q) s[q] += x * by[q * step_i];
-      }
-      for (int q = 0; q < 4; ++q) store(out + static_cast<std::ptrdiff_t>(i + q) * ld + j, s[q]);
-    }
-  if (i < rows)
-    combine<0>(f + i * step_i, step_i, step_r, rows - i, depth, g, ldg, columns,
-               out + static_cast<std::ptrdiff_t>(i) * ld, ld);
+  for (; rows >= 4; rows -= 4, f += 4 * step_i, out += 4 * static_cast<std::ptrdiff_t>(ld)) {
+    int j = 0;
+    for (; j + kLanes < columns; j += 2 * kLanes)
+      multiply_tile<2>(f, step_i, step_r, depth, g + j, ldg, out + j, ld);
+    if (j < columns) multiply_tile<1>(f, step_i, step_r, depth, g + j, ldg, out + j, ld);
+  }
+  if (rows > 0) combine<0>(f, step_i, step_r, rows, depth, g, ldg, columns, out, ld);
 }
 
 // ---- triangularise: with w = x - beta e_k (x: column k from row k on, beta = -sign(x_k) |x|) the
