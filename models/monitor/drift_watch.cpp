@@ -14,6 +14,7 @@ namespace {
 
 using Eigen::Index;
 constexpr int kWidestGroup = 32;
+constexpr int kSquare = 8;  // numbers of a cache line: a matrix is mirrored by such squares
 using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kWidestGroup,
                             kWidestGroup>;  // on the stack
 constexpr double kScales[] = {1, 0.1, 0.01};
@@ -32,15 +33,14 @@ int row_start(int i) { return i * (i + 1) / 2; }
 
 }  // namespace
 
-DriftWatch::DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups,
+DriftWatch::DriftWatch(const MatrixXd& covariance, std::vector<DriftGroup> groups,
                        double samples_between_alarms, int most_rows)
     : groups_(std::move(groups)),
       log_limit_(std::log(samples_between_alarms / kOvershoot)),
-      log_statistic_(-std::numeric_limits<double>::infinity()),
-      covariance_(std::move(covariance)) {
-  const Index n = covariance_.rows();
-  if (covariance_.cols() != n) throw std::invalid_argument("covariance: it is not square");
-  if (!covariance_.allFinite()) throw std::invalid_argument("covariance: it is not finite");
+      log_statistic_(-std::numeric_limits<double>::infinity()) {
+  const Index n = covariance.rows();
+  if (covariance.cols() != n) throw std::invalid_argument("covariance: it is not square");
+  if (!covariance.allFinite()) throw std::invalid_argument("covariance: it is not finite");
   if (!(samples_between_alarms >= 1))
     throw std::invalid_argument("samples_between_alarms: at least 1 is expected");
   for (const DriftGroup& g : groups_) {
@@ -62,14 +62,17 @@ DriftWatch::DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups,
   const auto columns = static_cast<int>(n);
   j_stride_ = padded(most_rows) + kSlack;
   rows_stride_ = padded(2 * columns + 1) + kSlack;
+  known_stride_ = padded(columns) + kSlack;
   const auto numbers = [](std::ptrdiff_t stride, int count) {
     return AlignedNumbers(static_cast<size_t>(stride) * count + kSlack, 0.0);
   };
   j_ = numbers(j_stride_, columns + 1);
   gram_ = numbers(padded(columns + 1), columns + 1);
   rows_ = numbers(rows_stride_, most_rows);
-  seen_ = numbers(padded(columns) + kSlack, most_rows);
-  p_ = numbers(padded(columns) + kSlack, columns);
+  seen_ = numbers(known_stride_, most_rows);
+  p_ = numbers(known_stride_, columns);
+  covariance_ = p_;
+  step_ = numbers(known_stride_, 1);
   turned_ = numbers(padded(most_rows) + kSlack, columns);
   s_ = numbers(padded(most_rows) + kSlack, most_rows);
   touched_.reserve(static_cast<size_t>(n));
@@ -87,22 +90,33 @@ DriftWatch::DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups,
   block_ = numbers(kLanes, row_start(widest) + 2 * widest);
   Start empty;
   empty.mean.resize(n);
-  empty.covariance.resize(n, n);
+  empty.covariance = sum_;
   empty.before = sum_;
   empty.before_pull = mean_;
   starts_.assign(kStarts, empty);
   for (int s = 0; s < kStarts; ++s) order_.push_back(s);
-  find_known();
+  set_covariance(covariance);
 }
 
 /// Finds the columns that P leaves uncertain: all others stay as they are.
-void DriftWatch::find_known() {
+void DriftWatch::set_covariance(const MatrixXd& covariance) {
   known_.clear();
-  for (Index c = 0; c < covariance_.cols(); ++c) {
-    const bool known = (covariance_.col(c).array() != 0).any() || mean_(c) != 0;
+  for (Index c = 0; c < covariance.cols(); ++c) {
+    const bool known = (covariance.col(c).array() != 0).any() || mean_(c) != 0;
     known_at_[c] = known ? static_cast<int>(known_.size()) : -1;
     if (known) known_.push_back(static_cast<int>(c));
   }
+  for (size_t c = 0; c < known_.size(); ++c)
+    for (size_t r = 0; r < known_.size(); ++r)
+      covariance_[c * static_cast<size_t>(known_stride_) + r] = covariance(known_[r], known_[c]);
+}
+
+MatrixXd DriftWatch::covariance() const {
+  MatrixXd out(mean_.size(), mean_.size());
+  for (Index c = 0; c < out.cols(); ++c)
+    for (Index r = 0; r < out.rows(); ++r)
+      out(r, c) = covariance(static_cast<int>(r), static_cast<int>(c));
+  return out;
 }
 
 /// Begins a start time, and merges old ones.
@@ -120,9 +134,10 @@ void DriftWatch::begin(long sample) {
     sums.log_evidence(slot) = -std::numeric_limits<double>::infinity();
   }
   const auto n = static_cast<Index>(known_.size());
+  double* triangle = now.covariance.data();
   for (Index c = 0; c < n; ++c) {
     now.mean(c) = mean_(known_[c]);
-    for (Index r = 0; r < n; ++r) now.covariance(r, c) = covariance_(known_[r], known_[c]);
+    triangle = std::copy_n(covariance_.data() + c * (known_stride_ + 1), n - c, triangle);
   }
   now.before = sum_;
   now.before_pull = sum_pull_;
@@ -178,7 +193,8 @@ double DriftWatch::look_at(const Eigen::Ref<const VectorXd>& y, long residuals) 
   for (int i = 0; i < m; ++i)
     for (int c = 0; c <= t; ++c) rows_[i * rows_stride_ + c] = j_[c * j_stride_ + i];
   touched_known_.clear();
-  const int seen_stride = padded(known) + kSlack, s_stride = padded(m) + kSlack;
+  const auto seen_stride = static_cast<int>(known_stride_);
+  const int s_stride = padded(m) + kSlack;
   for (int c = 0; c < t; ++c) {
     const int at = known_at_[touched_[c]];
     if (at < 0) continue;
@@ -190,7 +206,7 @@ double DriftWatch::look_at(const Eigen::Ref<const VectorXd>& y, long residuals) 
       seen_[i * seen_stride + r] = x;
       rows_[i * rows_stride_ + t] -= mean * x;
     }
-    for (int k = 0; k < known; ++k) p_[r * seen_stride + k] = covariance_(known_[k], touched_[c]);
+    std::copy_n(covariance_.data() + at * known_stride_, known, p_.data() + r * known_stride_);
   }
   const int seen = static_cast<int>(touched_known_.size());
   double* const gain = rows_.data() + t + 1;
@@ -352,7 +368,7 @@ void DriftWatch::add_sums() {
   const auto t = static_cast<int>(touched_.size());
   const int stride = padded(t + 1);
   kernels().gram(j_.data(), padded(count_), j_stride_, t + 1, gram_.data(), stride);
-  const Index n = covariance_.cols();
+  const Index n = mean_.size();
   for (int c = 0; c < t; ++c) {
     const double* const of = gram_.data() + c * stride;
     const Index at = touched_[c];
@@ -368,26 +384,26 @@ void DriftWatch::add_sums() {
 void DriftWatch::learn() {
   const auto t = static_cast<int>(touched_.size()), known = static_cast<int>(known_.size());
   const double* const gain = rows_.data() + t + 1;
-  const int stride = padded(known) + kSlack;
-  std::fill_n(p_.begin(), static_cast<std::ptrdiff_t>(stride) * known, 0.0);
-  for (int i = 0; i < count_; ++i) {
-    const double v = rows_[i * rows_stride_ + t];
-    for (int k = 0; k < known; ++k) mean_(known_[k]) += v * gain[i * rows_stride_ + k];
-  }
-  kernels().subtract_product(p_.data(), known, stride, gain, count_, rows_stride_);
-  for (int c = 0; c < known; ++c)
-    for (int r = c; r < known; ++r) {
-      const double x = covariance_(known_[r], known_[c]) + p_[c * stride + r];
-      covariance_(known_[r], known_[c]) = covariance_(known_[c], known_[r]) = x;
-    }
+  const auto stride = static_cast<int>(known_stride_);
+  kernels().multiply(rows_.data() + t, 0, rows_stride_, 1, count_, gain,
+                     static_cast<int>(rows_stride_), known, step_.data(), stride);
+  for (int k = 0; k < known; ++k) mean_(known_[k]) += step_[k];
+  double* const p = covariance_.data();
+  kernels().subtract_product(p, known, stride, gain, count_, rows_stride_);
+  for (int from = 0; from < known; from += kSquare)
+    for (int row = from; row < known; row += kSquare)
+      for (int c = from; c < std::min(from + kSquare, known); ++c)
+        for (int r = std::max(row, c + 1); r < std::min(row + kSquare, known); ++r)
+          p[r * known_stride_ + c] = p[c * known_stride_ + r];
 }
 
-/// Returns a matrix of known columns with all columns, 0 where there is none.
-MatrixXd DriftWatch::whole(const MatrixXd& of_known) const {
-  MatrixXd out = MatrixXd::Zero(covariance_.rows(), covariance_.cols());
+/// Returns a symmetric matrix of known columns with all columns, 0 where there is none.
+MatrixXd DriftWatch::whole_matrix(const VectorXd& triangle_of_known) const {
+  MatrixXd out = MatrixXd::Zero(mean_.size(), mean_.size());
+  const double* from = triangle_of_known.data();
   for (size_t c = 0; c < known_.size(); ++c)
-    for (size_t r = 0; r < known_.size(); ++r)
-      out(known_[r], known_[c]) = of_known(static_cast<Index>(r), static_cast<Index>(c));
+    for (size_t r = c; r < known_.size(); ++r)
+      out(known_[r], known_[c]) = out(known_[c], known_[r]) = *from++;
   return out;
 }
 
@@ -399,7 +415,7 @@ VectorXd DriftWatch::whole(const VectorXd& of_known) const {
 
 /// Returns the matrix of a lower triangle, column after column.
 MatrixXd DriftWatch::unpacked(const VectorXd& sum) const {
-  const Index n = covariance_.cols();
+  const Index n = mean_.size();
   MatrixXd out(n, n);
   Index at = 0;
   for (Index c = 0; c < n; ++c)
@@ -457,7 +473,7 @@ Moved DriftWatch::moved_since(int place, size_t group, double& log) const {
     best = other;
     scale = kScales[k];
   }
-  const MatrixXd n = unpacked(sum_ - start.before), known = whole(start.covariance);
+  const MatrixXd n = unpacked(sum_ - start.before), known = whole_matrix(start.covariance);
   const VectorXd mean = whole(start.mean);
   const VectorXd pull = sum_pull_ - start.before_pull, b = pull - n * mean;
   const WholeModel found =
@@ -539,11 +555,10 @@ void DriftWatch::restart(const std::vector<Moved>& found) {
       const MatrixXd n = unpacked(sum_ - from.before);
       const VectorXd mean = whole(from.mean);
       const VectorXd b = sum_pull_ - from.before_pull - n * mean;
-      const WholeModel now = whole_model(whole(from.covariance), n, b, groups_[moved.group].columns,
-                                         groups_[moved.group].width);
+      const WholeModel now = whole_model(whole_matrix(from.covariance), n, b,
+                                         groups_[moved.group].columns, groups_[moved.group].width);
       mean_ = mean + now.mean;
-      covariance_ = 0.5 * (now.covariance + now.covariance.transpose());
-      find_known();
+      set_covariance(0.5 * (now.covariance + now.covariance.transpose()));
       break;
     }
   }
@@ -558,8 +573,9 @@ void DriftWatch::transfer(StateBytes& bytes) {
   bytes.value(streak_);
   bytes.value(log_statistic_);
   bytes.coefficients(mean_);
-  bytes.coefficients(covariance_);
-  if (!bytes.writes()) find_known();
+  MatrixXd covariance = this->covariance();
+  bytes.coefficients(covariance);
+  if (!bytes.writes()) set_covariance(covariance);
   transfer_triangle(bytes, sum_);
   bytes.coefficients(sum_pull_);
   bytes.value(sum_squares_);
@@ -610,13 +626,13 @@ void DriftWatch::transfer_scores(StateBytes& bytes, int slot) {
 
 void DriftWatch::transfer_known(StateBytes& bytes, Start& of) const {
   VectorXd mean = whole(of.mean);
-  MatrixXd known = whole(of.covariance);
+  MatrixXd known = whole_matrix(of.covariance);
   bytes.coefficients(mean);
   bytes.coefficients(known);
+  double* to = of.covariance.data();
   for (size_t c = 0; c < known_.size(); ++c) {
     of.mean(static_cast<Index>(c)) = mean(known_[c]);
-    for (size_t r = 0; r < known_.size(); ++r)
-      of.covariance(static_cast<Index>(r), static_cast<Index>(c)) = known(known_[r], known_[c]);
+    for (size_t r = c; r < known_.size(); ++r) *to++ = known(known_[r], known_[c]);
   }
 }
 

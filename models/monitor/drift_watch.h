@@ -77,8 +77,8 @@ class DriftWatch {
   /// `covariance` is P. All memory is allocated here. `most_rows` is the largest number of
   /// equations of one sample. @throws std::invalid_argument: sizes that do not match, a column that
   /// does not exist, a width that is not positive, a rate below 1
-  DriftWatch(MatrixXd covariance, std::vector<DriftGroup> groups, double samples_between_alarms,
-             int most_rows);
+  DriftWatch(const MatrixXd& covariance, std::vector<DriftGroup> groups,
+             double samples_between_alarms, int most_rows);
 
   /// Returns the bytes that it takes, by the sizes of the groups.
   static size_t memory(int columns, const std::vector<int>& groups, int most_rows);
@@ -108,9 +108,13 @@ class DriftWatch {
   void restart(const std::vector<Moved>& found);
 
   const std::vector<DriftGroup>& groups() const { return groups_; }
-  /// Both return the estimate of d after all samples, and its covariance.
+  /// These return the estimate of d after all samples, and its covariance.
   const VectorXd& mean() const { return mean_; }
-  const MatrixXd& covariance() const { return covariance_; }
+  MatrixXd covariance() const;
+  double covariance(int a, int b) const {
+    const int row = known_at_[a], column = known_at_[b];
+    return row < 0 || column < 0 ? 0 : covariance_[column * known_stride_ + row];
+  }
 
   /// Writes or reads the learned state (state_bytes.h) of a watch made with the same arguments.
   /// @throws std::invalid_argument: the bytes are invalid; part of the state may have been read
@@ -124,10 +128,10 @@ class DriftWatch {
   /// A Start is a sample from which something may have moved. Matrices of known columns.
   struct Start {
     long first = 0;
-    double weight = 0;  // number of start times that it represents
-    bool sure = false;  // it was exactly this sample
-    VectorXd mean;      // of the filter before it
-    MatrixXd covariance;
+    double weight = 0;             // number of start times that it represents
+    bool sure = false;             // it was exactly this sample
+    VectorXd mean;                 // of the filter before it
+    VectorXd covariance;           // lower triangle, column after column
     VectorXd before, before_pull;  // sums of J'J (as sum_) and J'y before it
     double before_squares = 0;     // sum of y'y, and of how many residuals
     long before_residuals = 0;
@@ -140,15 +144,15 @@ class DriftWatch {
   };
   double look_at(const Eigen::Ref<const VectorXd>& y, long residuals);
   void begin(long sample);
-  void find_known();
+  void set_covariance(const MatrixXd& covariance);
   void add_scores(size_t group);
   void weigh(size_t group);
   void add_sums();
   void learn();
   Moved moved_since(int place, size_t group, double& log) const;
   double log_factor(int slot, size_t group, int scale) const;
-  MatrixXd whole(const MatrixXd& of_known) const;
   VectorXd whole(const VectorXd& of_known) const;
+  MatrixXd whole_matrix(const VectorXd& triangle_of_known) const;
   MatrixXd unpacked(const VectorXd& sum) const;
   void transfer_scores(StateBytes& bytes, int slot);
   void transfer_triangle(StateBytes& bytes, VectorXd& sum) const;
@@ -162,8 +166,8 @@ class DriftWatch {
   bool alarm_ = false, streak_ = false;  // streak: the filter did not learn from the last sample
   double log_statistic_;
   VectorXd mean_;
-  MatrixXd covariance_;
-  VectorXd sum_;  // of J'J: the lower triangle, column after column
+  AlignedNumbers covariance_;  // of known columns
+  VectorXd sum_;               // of J'J: the lower triangle, column after column
   VectorXd sum_pull_;
   double sum_squares_ = 0;
   long sum_residuals_ = 0;
@@ -179,8 +183,9 @@ class DriftWatch {
   AlignedNumbers rows_;        // [J v J P], row after row
   AlignedNumbers seen_, p_;    // of known columns: J row after row; rows of P
   AlignedNumbers turned_, s_;  // (J P)'; S
+  AlignedNumbers step_;        // of the mean
   AlignedNumbers block_;       // of a group
-  std::ptrdiff_t j_stride_, rows_stride_;
+  std::ptrdiff_t j_stride_, rows_stride_, known_stride_;
   int most_rows_, count_ = 0;  // count: rows of the sample
   long residuals_ = 0;
 };

@@ -12,7 +12,7 @@ namespace {
 // or worse tells nothing of how a sensor fits.
 constexpr double kUnexpected = 1e-3;
 constexpr double kFullRank = 1e-9;  // singular value of columns of unit length, relative
-constexpr int kInverted = 16;       // columns of L^-1 at a time: above them it is 0
+constexpr int kAtOnce = 16;         // columns of a triangle: above them it is 0, or not needed
 
 double dot(const double* a, const double* b, int n) {
   double sum = 0;
@@ -106,7 +106,7 @@ void Innovations::reserve(int rows, int privates, int columns, int kinds) {
   stride_ = most;
   const auto size = static_cast<size_t>(most);
   for (AlignedNumbers* a :
-       {&j_, &right_, &p_, &factor_, &inverse_, &solved_, &y_, &reduced_, &copy_, &triangle_, &h_})
+       {&j_, &right_, &p_, &factor_, &inverse_, &solved_, &y_, &reduced_, &triangle_, &h_})
     a->assign(size * size, 0.0);
   for (std::vector<double>* a : {&u_, &share_, &sigma_, &along_, &values_, &beside_, &explained_})
     a->assign(size, 0.0);
@@ -114,25 +114,34 @@ void Innovations::reserve(int rows, int privates, int columns, int kinds) {
   sensors_.reserve(size);
 }
 
-/// T, its factor L, and L^-1 [r + J d, A].
+/// T, its factor L, and L^-1 [r + J d, A]. The last rows, of joints' errors, have no J: there T and
+/// L are diagonal.
 void Innovations::factorise(const Equations& of, const std::vector<double>& variance,
                             const DriftWatch& test) {
   const int m = of.count, p = of.private_size;
   const auto ld = static_cast<int>(stride_);
-  const MatrixXd& known = test.covariance();
   seen_.clear();
   for (size_t c = 0; c < of.columns.size(); ++c)
-    if (known(of.columns[c], of.columns[c]) > 0) seen_.push_back(static_cast<int>(c));
+    if (test.covariance(of.columns[c], of.columns[c]) > 0) seen_.push_back(static_cast<int>(c));
   const int k = static_cast<int>(seen_.size());
+  const auto touches = [&](int row) {
+    return std::any_of(seen_.begin(), seen_.end(),
+                       [&](int c) { return of.column(p + c)[row] != 0; });
+  };
+  moving_ = m;
+  while (moving_ > 0 && !touches(moving_ - 1)) --moving_;
   for (int a = 0; a < k; ++a) {
-    std::copy_n(of.column(p + seen_[a]), m, j_.begin() + a * stride_);
-    const double* const row = known.col(of.columns[seen_[a]]).data();
-    for (int b = 0; b < k; ++b) p_[a * stride_ + b] = row[of.columns[seen_[b]]];
+    std::copy_n(of.column(p + seen_[a]), moving_, j_.begin() + a * stride_);
+    for (int b = 0; b <= a; ++b)
+      p_[a * stride_ + b] = p_[b * stride_ + a] =
+          test.covariance(of.columns[seen_[a]], of.columns[seen_[b]]);
   }
-  kernels().multiply(p_.data(), stride_, 1, k, k, j_.data(), ld, m, right_.data(), ld);
-  kernels().multiply(j_.data(), 1, stride_, m, k, right_.data(), ld, m, factor_.data(), ld);
-  for (int i = 0; i < m; ++i) factor_[i * (stride_ + 1)] += variance[of.kind[i]];
-  kernels().cholesky(factor_.data(), m, ld);
+  kernels().multiply(p_.data(), stride_, 1, k, k, j_.data(), ld, moving_, right_.data(), ld);
+  for (int i = 0; i < moving_; i += kAtOnce)
+    kernels().multiply(j_.data() + i, 1, stride_, std::min(kAtOnce, moving_ - i), k,
+                       right_.data() + i, ld, moving_ - i, factor_.data() + i * (stride_ + 1), ld);
+  for (int i = 0; i < moving_; ++i) factor_[i * (stride_ + 1)] += variance[of.kind[i]];
+  kernels().cholesky(factor_.data(), moving_, ld);
   for (int i = 0; i < m; ++i) {
     double* const row = solved_.data() + i * stride_;
     row[0] = of.column(of.width() - 1)[i];
@@ -143,18 +152,21 @@ void Innovations::factorise(const Equations& of, const std::vector<double>& vari
     if (mean == 0) continue;
     for (int i = 0; i < m; ++i) solved_[i * stride_] += mean * of.column(p + c)[i];
   }
-  kernels().solve_rows(factor_.data(), m, ld, solved_.data(), 1 + p, stride_);
+  kernels().solve_rows(factor_.data(), moving_, ld, solved_.data(), 1 + p, stride_);
+  for (int i = moving_; i < m; ++i)
+    for (int c = 0; c <= p; ++c) solved_[i * stride_ + c] /= sigma_[i];
 }
 
-void Innovations::invert(int rows) {
+/// L^-1 of the rows with J.
+void Innovations::invert() {
   const auto ld = static_cast<int>(stride_);
-  for (int i = 0; i < rows; ++i) {
-    std::fill_n(inverse_.begin() + i * stride_, padded(rows), 0.0);
+  for (int i = 0; i < moving_; ++i) {
+    std::fill_n(inverse_.begin() + i * stride_, padded(moving_), 0.0);
     inverse_[i * (stride_ + 1)] = 1;
   }
-  for (int k = 0; k < rows; k += kInverted)
-    kernels().solve_rows(factor_.data() + k * (stride_ + 1), rows - k, ld,
-                         inverse_.data() + k * (stride_ + 1), std::min(kInverted, rows - k),
+  for (int k = 0; k < moving_; k += kAtOnce)
+    kernels().solve_rows(factor_.data() + k * (stride_ + 1), moving_ - k, ld,
+                         inverse_.data() + k * (stride_ + 1), std::min(kAtOnce, moving_ - k),
                          stride_);
 }
 
@@ -163,8 +175,12 @@ void Innovations::explain(int rows, int privates) {
   const auto ld = static_cast<int>(stride_);
   const double* const a = solved_.data() + 1;
   kernels().multiply(a, 1, stride_, privates, rows, a, ld, privates, triangle_.data(), ld);
-  kernels().multiply(a, 1, stride_, privates, rows, inverse_.data(), ld, rows, y_.data(), ld);
+  for (int k = 0; k < moving_; k += kAtOnce)
+    kernels().multiply(a + k * stride_, 1, stride_, privates, moving_ - k,
+                       inverse_.data() + k * (stride_ + 1), ld, std::min(kAtOnce, moving_ - k),
+                       y_.data() + k, ld);
   for (int c = 0; c < privates; ++c) {
+    for (int i = moving_; i < rows; ++i) y_[c * stride_ + i] = a[i * stride_ + c] / sigma_[i];
     triangle_[c * (stride_ + 1)] += 1;
     explained_[c] = 0;
     for (int i = 0; i < rows; ++i) explained_[c] += a[i * stride_ + c] * solved_[i * stride_];
@@ -180,7 +196,8 @@ Innovations::OfSensor Innovations::sensor(const Equations& of, const Equations::
   const auto ld = static_cast<int>(stride_);
   const double* const inverse = inverse_.data() + from * (stride_ + 1);
   const double* const y = y_.data() + from;
-  kernels().multiply(inverse, 1, stride_, n, of.count - from, inverse, ld, n, h_.data(), ld);
+  kernels().multiply(inverse, 1, stride_, n, std::max(0, moving_ - from), inverse, ld, n, h_.data(),
+                     ld);
   kernels().multiply(y, 1, stride_, n, of.private_size, y, ld, n, factor_.data(), ld);
   for (int c = 0; c < n; ++c)
     for (int r = 0; r < n; ++r) {
@@ -216,14 +233,15 @@ void Innovations::expect(const Equations& of, const std::vector<double>& varianc
                          const DriftWatch& test) {
   const int m = of.count, p = of.private_size;
   reserve(m, p, static_cast<int>(of.columns.size()), static_cast<int>(of.rest.size()));
+  for (int i = 0; i < m; ++i) sigma_[i] = std::sqrt(variance[of.kind[i]]);
   factorise(of, variance, test);
-  invert(m);
+  invert();
   explain(m, p);
   for (int i = 0; i < m; ++i) {
-    sigma_[i] = std::sqrt(variance[of.kind[i]]);
-    u_[i] = share_[i] = 0;
+    u_[i] = i < moving_ ? 0 : solved_[i * stride_] / sigma_[i];
+    share_[i] = i < moving_ ? 0 : 1 / variance[of.kind[i]];
   }
-  for (int k = 0; k < m; ++k) {
+  for (int k = 0; k < moving_; ++k) {
     const double* const row = inverse_.data() + k * stride_;
     const double z = solved_[k * stride_];
     for (int i = 0; i <= k; ++i) {
@@ -258,13 +276,15 @@ void Innovations::expect(const Equations& of, const std::vector<double>& varianc
     noise_[k].residuals += of.rest[k].second;
     noise_[k].seen = true;
   }
-  for (int c = 0; c <= p; ++c) {
-    double* const to = reduced_.data() + c * stride_;
-    const int from = c < p ? 1 + c : 0;
-    for (int i = 0; i < m; ++i) to[i] = solved_[i * stride_ + from];
-    std::fill(to + m, to + padded(m), 0.0);
-  }
-  const int rank = eliminate(m, p, p + 1, 0);
+  const auto fill = [&] {
+    for (int c = 0; c <= p; ++c) {
+      double* const to = reduced_.data() + c * stride_;
+      const int from = c < p ? 1 + c : 0;
+      for (int i = 0; i < m; ++i) to[i] = solved_[i * stride_ + from];
+      std::fill(to + m, to + padded(m), 0.0);
+    }
+  };
+  const int rank = eliminate(fill, m, p, p + 1, 0);
   dof_ = m - rank;
   const double* const rest = reduced_.data() + p * stride_ + rank;
   chi2_ = dot(rest, rest, dof_);
@@ -274,16 +294,18 @@ long Innovations::reduce(const Equations& of, const std::vector<double>& varianc
   const int m = of.count, p = of.private_size, t = static_cast<int>(of.columns.size());
   reserve(m, p, t, static_cast<int>(of.rest.size()));
   for (int i = 0; i < m; ++i) sigma_[i] = 1 / std::sqrt(variance[of.kind[i]]);
-  for (int c = 0; c <= p + t; ++c) {
-    double* const to = reduced_.data() + c * stride_;
-    const double* const from = of.column(c);
-    const double sign = c < p + t ? 1 : -1;
-    for (int i = 0; i < m; ++i) to[i] = sign * sigma_[i] * from[i];
-    std::fill(to + m, to + padded(m), 0.0);
-  }
+  const auto fill = [&] {
+    for (int c = 0; c <= p + t; ++c) {
+      double* const to = reduced_.data() + c * stride_;
+      const double* const from = of.column(c);
+      const double sign = c < p + t ? 1 : -1;
+      for (int i = 0; i < m; ++i) to[i] = sign * sigma_[i] * from[i];
+      std::fill(to + m, to + padded(m), 0.0);
+    }
+  };
   privates_ = p;
   touched_ = t;
-  const int rank = eliminate(m, p, p + t + 1, t + 1);
+  const int rank = eliminate(fill, m, p, p + t + 1, t + 1);
   first_ = rank;
   left_ = std::min(m - rank, t + 1);
   if (m - rank > t + 1)
@@ -294,18 +316,18 @@ long Innovations::reduce(const Equations& of, const std::vector<double>& varianc
   return m - rank;
 }
 
-/// Turns the first `privates` of the columns in reduced_ into a triangle; the rows below it are
-/// free of them. With more of these rows than `triangle` > 0, these columns become one, too.
-/// Returns the rank.
-int Innovations::eliminate(int rows, int privates, int columns, int triangle) {
+/// Turns the first `privates` of the columns that `fill` leaves in reduced_ into a triangle; the
+/// rows below it are free of them. With more of these rows than `triangle` > 0, these columns
+/// become one, too. Returns the rank.
+template <class Fill>
+int Innovations::eliminate(const Fill& fill, int rows, int privates, int columns, int triangle) {
   const bool many = triangle > 0 && rows - privates > triangle;
   const int whole = padded(rows);
+  fill();
   if (privates > 0) {
-    for (int c = 0; c < columns; ++c)
-      std::copy_n(reduced_.begin() + c * stride_, whole, copy_.begin() + c * stride_);
     kernels().triangularise(reduced_.data(), whole, columns, many ? columns : privates, stride_);
     if (privates <= rows && is_of_full_rank(privates)) return privates;
-    std::copy_n(copy_.begin(), columns * stride_, reduced_.begin());
+    fill();
     const int rank = eliminate_by_rank(rows, privates, columns);
     if (triangle > 0 && rows - rank > triangle) {
       const int left = rows - rank;

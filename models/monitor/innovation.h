@@ -12,8 +12,9 @@
 //   - the chi2 of all rows with private unknowns free: what is left of L^-1 (r + J d) across B.
 //   - reduce(): the part of [J y] that does not depend on private unknowns, by orthogonal
 //     transformations; if there are more rows than columns, a triangle of them.
-// In m rows, p private unknowns, k columns with an uncertainty and t columns these take about
-//     m k^2 + m^2 (k + p) + m^3   and   2 m p (p + t) (and 2 m t^2 where they make a triangle)
+// In m rows, j of them with J, p private unknowns, k columns with an uncertainty and t columns
+// these take about
+//     j k^2 + j^2 (k/2 + p) + j^3   and   2 m p (p + t) (and 2 m t^2 where they make a triangle)
 // multiplications. With n uncertain columns in all and r = min(m - p, t + 1), Monitor::add() takes
 // another r n (k + n) + r^2 (t + n + r) + r t^2. A view has at most one row more than its own
 // columns, a scan all its rows.
@@ -80,10 +81,11 @@ class Innovations {
   using Stride = Eigen::OuterStride<>;
   const double* block() const { return reduced_.data() + first_; }
   void factorise(const Equations& of, const std::vector<double>& variance, const DriftWatch& test);
-  void invert(int rows);
+  void invert();
   void explain(int rows, int privates);
   OfSensor sensor(const Equations& of, const Equations::OfSensor& rows);
-  int eliminate(int rows, int privates, int columns, int triangle);
+  template <class Fill>
+  int eliminate(const Fill& fill, int rows, int privates, int columns, int triangle);
   int eliminate_by_rank(int rows, int privates, int columns);
   bool is_of_full_rank(int privates);
 
@@ -95,10 +97,11 @@ class Innovations {
   AlignedNumbers j_, p_, right_;     // J of seen_; P of these; P J'
   AlignedNumbers factor_, inverse_;  // of T: L; L^-1 row after row
   AlignedNumbers solved_, y_;        // L^-1 [r + J d, A], row after row; Y
-  AlignedNumbers reduced_, copy_;    // column after column
+  AlignedNumbers reduced_;           // column after column
   AlignedNumbers triangle_, h_;
   std::vector<double> u_, share_, sigma_, along_, values_, beside_, explained_;
   std::vector<int> seen_;
+  int moving_ = 0;  // rows with J: the first
   int first_ = 0, left_ = 0, privates_ = 0, touched_ = 0;
 };
 

@@ -1,6 +1,6 @@
 // Memory of a monitor, by the sizes of its calibration. With n columns, s starts of a change and
-// rows of at most n + 1 numbers it is near (3/2 s + 11) n^2 numbers: each start keeps a covariance
-// and half of a sum of J'J. The formulas below follow the constructors, array by array.
+// rows of at most n + 1 numbers it is near (s + 11) n^2 numbers: each start keeps half of a
+// covariance and of a sum of J'J. The formulas below follow the constructors, array by array.
 #include <algorithm>
 #include <stdexcept>
 
@@ -45,9 +45,9 @@ size_t DriftWatch::memory(int columns, const std::vector<int>& groups, int most_
     const int numbers = padded(static_cast<int>(count)) + kSlack;
     return static_cast<size_t>(numbers);
   };
-  const size_t of_start = n * n + 2 * n + triangle(n);
+  const size_t of_start = 2 * (n + triangle(n));
   size_t numbers = kStarts * of_start;
-  numbers += n * n + 2 * n + triangle(n);                          // covariance, means, sums
+  numbers += stride(n) * (n + 1) + 2 * n + triangle(n);            // covariance, means, sums, step
   numbers += stride(m) * (n + 1) + stride(n + 1) * (n + 1);        // j, gram
   numbers += (stride(2 * n + 1) + stride(n)) * m + stride(n) * n;  // rows, seen, p
   numbers += stride(m) * (n + m);                                  // turned, s

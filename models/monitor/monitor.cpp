@@ -138,6 +138,10 @@ struct Monitor::Parts {
   bool drifting = false;  // the sample before was one
   Equations at_hand;
   Innovations innovations;
+  // Of place_rows(): largest derivative of a row; runs of rows, those of `all_rows` behind the
+  // rest.
+  std::vector<double> largest;
+  std::vector<std::pair<Index, Index>> taken;
   Forms forms;
 
   explicit Parts(CalibratedState state, const MonitorOptions& options);
@@ -146,7 +150,7 @@ struct Monitor::Parts {
   SampleForm& form_of(const Sample& sample);
   bool equations(const Sample& sample, Equations& out, std::string& why);
   void place_rows(const std::vector<NoiseRows>& of, const MatrixXd& rows, const MatrixXd& all_rows,
-                  Equations& out) const;
+                  Equations& out);
   void take_outlier(long number, long residuals, Innovation& out);
   void take_fitting(const Equations& e, const Innovation& seen, long number);
   bool scans(const NoiseRows& of) const {
@@ -255,14 +259,20 @@ bool Monitor::Parts::equations(const Sample& sample, Equations& out, std::string
 /// what distinguishes columns that are nearly alike comes from the noise, and a triangle of them is
 /// not what no parameter changes.
 void Monitor::Parts::place_rows(const std::vector<NoiseRows>& of, const MatrixXd& rows,
-                                const MatrixXd& all_rows, Equations& out) const {
-  out.stride = padded(static_cast<int>(rows.rows() + all_rows.rows())) + kSlack;
-  const Index size = rows.cols();
+                                const MatrixXd& all_rows, Equations& out) {
+  const Index size = rows.cols(), count = rows.rows();
+  out.stride = padded(static_cast<int>(count + all_rows.rows())) + kSlack;
   const size_t size_of = static_cast<size_t>(out.stride) * static_cast<size_t>(size);
   if (out.rows.size() < size_of) out.rows.resize(size_of);
-  const auto take = [&](const MatrixXd& from, Index row, int kind) {
-    for (Index c = 0; c < size; ++c)
-      out.rows[static_cast<size_t>(c * out.stride + out.count)] = from(row, c);
+  largest.assign(static_cast<size_t>(count), 0);
+  Eigen::Map<VectorXd> derivative(largest.data(), count);
+  for (Index c = 0; c + 1 < size; ++c) derivative = derivative.cwiseMax(rows.col(c).cwiseAbs());
+  taken.clear();
+  taken.reserve(static_cast<size_t>(count + all_rows.rows()));
+  const auto take = [&](Index row, int kind) {
+    if (taken.empty() || taken.back().first + taken.back().second != row || row == count)
+      taken.push_back({row, 0});
+    ++taken.back().second;
     out.kind.push_back(kind);
     ++out.count;
   };
@@ -276,15 +286,15 @@ void Monitor::Parts::place_rows(const std::vector<NoiseRows>& of, const MatrixXd
       if ((one.view ? one.view->sensor : sensors) != sensor) continue;
       const int kind = kind_of(one);
       if (scans(one)) {
-        for (int i = first_residual; i < residual; ++i) take(all_rows, i, kind);
+        for (int i = first_residual; i < residual; ++i) take(count + i, kind);
         continue;
       }
-      const double largest = rows.block(one.first, 0, one.count, size - 1).cwiseAbs().maxCoeff();
+      const double zero = kRounding * derivative.segment(one.first, one.count).maxCoeff();
       int plain = 0;
       double squares = 0;
       for (int i = one.first; i < one.first + one.count; ++i) {
-        if (!one.view || rows.row(i).head(size - 1).cwiseAbs().maxCoeff() > kRounding * largest) {
-          take(rows, i, kind);
+        if (!one.view || derivative(i) > zero) {
+          take(i, kind);
           continue;
         }
         ++plain;
@@ -296,6 +306,12 @@ void Monitor::Parts::place_rows(const std::vector<NoiseRows>& of, const MatrixXd
     }
     if (sensor < sensors && out.count > first_row)
       out.sensors.push_back({sensor, first_row, out.count - first_row});
+  }
+  for (Index c = 0; c < size; ++c) {
+    double* to = out.rows.data() + c * out.stride;
+    for (const auto& [first, size_of_run] : taken)
+      to = std::copy_n(first < count ? &rows(first, c) : &all_rows(first - count, c), size_of_run,
+                       to);
   }
 }
 
@@ -412,7 +428,7 @@ void Monitor::restart(bool accept) {
 const std::vector<DriftGroup>& Monitor::groups() const { return parts_->test->groups(); }
 const std::vector<Component>& Monitor::columns() const { return parts_->columns; }
 const VectorXd& Monitor::difference() const { return parts_->test->mean(); }
-const MatrixXd& Monitor::covariance() const { return parts_->test->covariance(); }
+MatrixXd Monitor::covariance() const { return parts_->test->covariance(); }
 long Monitor::samples() const { return parts_->samples; }
 long Monitor::outliers() const { return parts_->outliers; }
 const ParameterTable& Monitor::table() const { return parts_->base.table; }

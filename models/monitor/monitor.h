@@ -111,7 +111,7 @@ class Monitor {
   /// Both return the current estimate of the columns: the differences from the calibrated values,
   /// and their covariance.
   const VectorXd& difference() const;
-  const MatrixXd& covariance() const;
+  MatrixXd covariance() const;
   std::vector<NoiseSeen> noise() const;
   long samples() const;   // added
   long outliers() const;  // of these

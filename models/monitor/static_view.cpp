@@ -212,7 +212,8 @@ ViewInnovation StaticView::add(const std::vector<int>& points, const Matrix2Xd& 
     if (p.column[point] < 0) continue;
     const Vector2d off = pixels.col(static_cast<Index>(i)) - p.places.col(point);
     const Vector2d estimate = p.test->mean().segment<2>(p.column[point]);
-    const Vector2d known = p.test->covariance().diagonal().segment<2>(p.column[point]);
+    const int x = p.column[point], y = x + 1;
+    const Vector2d known(p.test->covariance(x, x), p.test->covariance(y, y));
     const Vector2d expected = known.array() + p.variance(point);
     const double chi2 = (off - estimate).cwiseAbs2().cwiseQuotient(expected).sum();
     const double probability = f_tail(chi2 / 2, 2, kNoiseKnown + p.residuals[point]);
