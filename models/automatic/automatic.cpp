@@ -184,13 +184,15 @@ void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated
 }
 
 /// Tries groups together, each on top of those with more evidence; calibrates with those that help,
-/// again without those that lose their evidence. `with` adds the models of groups.
+/// again without those that lose their evidence. `with` adds the models of groups, which the data
+/// chose from many if `log_candidates` is not 0.
 void add_together(const std::vector<std::string>& names,
                   const std::function<Model(const std::vector<std::string>&)>& with, Model& model,
-                  Calibrated& best, FurtherRecord& record) {
+                  Calibrated& best, FurtherRecord& record, double log_candidates = 0) {
   if (names.empty()) return;
-  FurtherTrial trial =
-      try_model(best.fit, further_model(with(names), best.fit), *best.found.solution.recording);
+  FurtherModel further = further_model(with(names), best.fit);
+  further.log_candidates = log_candidates;
+  FurtherTrial trial = try_model(best.fit, further, *best.found.solution.recording);
   record.add(trial.tried);
   while (!trial.groups.empty()) {
     Model next = grown(with(trial.groups), trial, best);
@@ -272,7 +274,7 @@ void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
       return out;
     };
     add_together({kRippleOf + model.recording->rig.tree.joints[found->joint].name}, with, model,
-                 best, record);
+                 best, record, found->log_candidates);
   }
 }
 

@@ -294,7 +294,7 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
     out.tried.push_back({with.groups.groups[group].name});
     if (!learned.defined) continue;
     factor(group) = learned.factor(0);
-    const double gain = evidence_gain(one, learned, 0);
+    const double gain = evidence_gain(one, learned, 0) - model.log_candidates;
     out.tried.back().gain = gain;
     if (gain >= kEvidence) gaining.push_back({-gain, group});
   }

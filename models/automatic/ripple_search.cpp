@@ -83,10 +83,12 @@ std::optional<FoundRipple> find_ripple(const std::vector<JointErrors>& errors) {
   for (const JointErrors& one : errors)
     for (int cycles = kFewestCycles; cycles <= kMostCycles; ++cycles) {
       const VectorXd gain = gains(one, cycles, sign);
-      if (gain(0) > most(0)) best = {one.joint, cycles};
+      if (gain(0) > most(0)) best = {one.joint, cycles, 0};
       most = most.cwiseMax(gain);
     }
   if (!(most(0) > kAboveChance * most.tail(kDraws).maxCoeff())) return {};
+  best.log_candidates =
+      std::log(static_cast<double>(errors.size()) * (kMostCycles - kFewestCycles + 1));
   return best;
 }
 

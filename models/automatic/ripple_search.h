@@ -10,6 +10,8 @@
 // sample get a random sign, which holds where they are clustered or unequal. (With 17 sets of real
 // arms: at that size 5 to 17 % of rigid robots would get a ripple, at 1.25 times it none of 160,
 // and those that helped on held-out data were at 1.8 to 8 times it. 36 postures gave false ones.)
+// The ripple found is tried as one of a stated ratio is, but was chosen from many: its evidence is
+// less by the logarithm of their number, as each had that prior odds against it.
 #pragma once
 
 #include <optional>
@@ -31,6 +33,7 @@ std::vector<JointErrors> joint_errors(const FitWithGroups& fit);
 
 struct FoundRipple {
   int joint = -1, cycles = 0;
+  double log_candidates = 0;  // logarithm of the number of ripples that it was chosen from
 };
 /// Returns the ripple with the largest gain, if it is well above what chance gives. All errors are
 /// of the same samples.
