@@ -45,7 +45,7 @@ TEST_CASE("ripple search: a ripple is found with its joint and its cycles") {
   for (const int cycles : {5, 80, 399}) {
     std::vector<JointErrors> errors = noise(random, 1e-4, 1);
     for (int s = 0; s < kSamples; ++s)
-      errors[3].slope[s] -= 1.5e-4 * std::sin(cycles * errors[3].reading[s] + 0.4) / (1e-4 * 1e-4);
+      errors[3].slope[s] -= 6e-4 * std::sin(cycles * errors[3].reading[s] + 0.4) / (1e-4 * 1e-4);
     const std::optional<FoundRipple> found = find_ripple(errors);
     REQUIRE(found);
     CHECK(found->joint == 3);
