@@ -323,7 +323,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     anew.begin.noise_factor = options.begin.noise_factor;
     return calibrate_automatically(*without_added(given), anew);
   }
-  if (best.found.solution.usable()) {
+  if (best.found.solution.usable() && best.fit.recording) {  // (else no widths were learned)
     FurtherRecord record;
     do {
       add_conditions(model, best, record);  // (nothing else looks like what a sample states)
