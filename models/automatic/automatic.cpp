@@ -239,14 +239,19 @@ using AddsToJoints = std::shared_ptr<const Recording> (*)(const Recording&,
 /// Groups of single joints of one kind, which `make` adds. Returns whether one was kept.
 bool add_to_joints(const std::string& kind, AddsToJoints make, Model& model, Calibrated& best,
                    FurtherRecord& record) {
+  const auto joint_of = [&](const std::string& name) {
+    return model.recording->rig.tree.find_joint(name.substr(kind.size()));
+  };
   std::vector<std::string> names;
   for (const std::string& name : best.fit.groups.further)
-    if (is_of(kind, name) && !is_among(model.options.begin.further, name)) names.push_back(name);
+    if (is_of(kind, name) && !is_among(model.options.begin.further, name) &&
+        (kind != kRippleOf ||  // (others are searched for)
+         !model.recording->rig.joints[joint_of(name)].terms.gear_ratios.empty()))
+      names.push_back(name);
   model.options.progress.stage(kind + "JOINT");
   const auto with = [&](const std::vector<std::string>& groups) {
     std::vector<int> joints;
-    for (const std::string& name : groups)
-      joints.push_back(model.recording->rig.tree.find_joint(name.substr(kind.size())));
+    for (const std::string& name : groups) joints.push_back(joint_of(name));
     Model out = model;
     out.recording = make(*model.recording, joints);
     return out;

@@ -258,7 +258,7 @@ void GroupMaker::add_single(int joint, const std::vector<char>& scans) {
     for (int c = 0; p >= 0 && c < table_.all[p].size(); ++c) add(group, p, c);
     if (p < 0) out_.groups.push_back({group, {}, {}});
   };
-  if (!settings.terms.gear_ratios.empty()) add_all(kRippleOf + name, ParameterKind::ripple);
+  add_all(kRippleOf + name, ParameterKind::ripple);
   if (settings.model == linear_joint()) out_.groups.push_back({kCurve + name, {}, {}});
   const std::vector<int> next = next_joints(rig_, joint);
   if (!next.empty() && std::none_of(next.begin(), next.end(), [&](int j) { return scans[j]; }))

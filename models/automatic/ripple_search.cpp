@@ -38,12 +38,14 @@ std::vector<JointErrors> joint_errors(const FitWithGroups& fit) {
   const Recording& recording = *fit.recording;
   if (recording.training().size() < kLeastPostures) return {};
   const DataProblem data = data_problem(recording, fit.setup, fit.values, fit.groups);
+  const std::vector<std::string>& possible = fit.groups.further;
   std::vector<JointErrors> out;
   std::vector<int> of_column(data.problem->columns().size(), -1);
   for (size_t c = 0; c < of_column.size(); ++c) {
     const Parameter& p = recording.table.all[data.problem->columns()[c].parameter];
     if (p.kind != ParameterKind::joint_offset) continue;
-    if (recording.rig.tree.joints[p.owner].type == JointType::prismatic ||
+    const std::string group = kRippleOf + recording.rig.tree.joints[p.owner].name;
+    if (std::find(possible.begin(), possible.end(), group) == possible.end() ||
         !recording.rig.joints[p.owner].terms.gear_ratios.empty())
       continue;
     of_column[c] = static_cast<int>(out.size());

@@ -27,8 +27,8 @@ struct JointErrors {
   std::vector<double> reading;           // rad
   std::vector<double> curvature, slope;  // A_s (1/rad^2) and b_s (1/rad)
 };
-/// Returns those of joints that turn, whose offsets are estimated, and whose ratios nobody states;
-/// none if there are too few samples.
+/// Returns those of joints that may have a ripple, whose offsets are estimated, and whose ratios
+/// nobody states; none if there are too few samples.
 std::vector<JointErrors> joint_errors(const FitWithGroups& fit);
 
 struct FoundRipple {

@@ -550,9 +550,9 @@ TEST_CASE("groups: chosen by names and globs") {
     CHECK(error.name == "gear");
     std::set<std::string> all = usual;
     for (const char* more : {"gears", "compliance", "compliance across", "loads"}) all.insert(more);
-    for (const char* joint :  // error curves may be asked for, too
+    for (const char* joint :  // error curves and ripples may be asked for, too
          {"head1", "head2", "left1", "left2", "left3", "right1", "right2", "right3"})
-      all.insert(std::string("curve/") + joint);
+      for (const char* kind : {"curve/", "ripple/"}) all.insert(std::string(kind) + joint);
     for (const std::string& name : error.valid)  // and couplings to next joints
       if (StartsWith("coupling/").match(name)) all.insert(name);
     CHECK(std::set<std::string>(error.valid.begin(), error.valid.end()) == all);
