@@ -197,6 +197,7 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   out.b.resize(ld, count);
   out.b.bottomRows(ld - n).setZero();
   kernels().multiply(rows.col(k).data(), 1, count, count, m, t.data(), ld, n, out.b.data(), ld);
+  out.u.resize(0, count);
   if (k > 0) {
     const MatrixXd u = range_of(rows.leftCols(k));
     const int rank = static_cast<int>(u.cols());
@@ -212,20 +213,12 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   return out;
 }
 
-/// Products of all columns with each other; none has no rows.
-MatrixXd products(const MatrixXd& columns, Eigen::Index count) {
-  MatrixXd out(count, count);
-  kernels().gram(columns.data(), static_cast<int>(columns.rows()), columns.rows(),
-                 static_cast<int>(count), out.data(), static_cast<int>(count));
-  return out;
-}
-
 /// Adds one group of the problem to the sums, and what it has for itself to S: with P = U U' and Q
 /// = B B', between its rows, <U_g'U_g, U_j'U_j> is the sum of all P(i, l)^2, i a row of g, l one of
 /// j, and <U_g'B_g, U_j'B_j> that of all P(i, l) Q(i, l).
 void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
   const Eigen::Index count = rows.residuals.size();
-  const MatrixXd p = products(rows.u, count), q = products(rows.b, count);
+  const MatrixXd p = gram(rows.u), q = gram(rows.b);
   const int n = kinds.shared_size, ld = static_cast<int>(rows.b.rows());
   VectorXd of_column(count);
   for (const NoiseRows& w : rows.kinds) {
@@ -271,7 +264,7 @@ RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
       sum.col(i).tail(kinds.ld - i - 1) *= std::sqrt(2.0);
     }
   }
-  out.s += products(kinds.shared, groups);
+  out.s += gram(kinds.shared);
   for (int g = 0; g < groups; ++g) {
     const RowSums& sum = kinds.sums[g];
     out.s(g, g) += sum.weights - 2 * sum.projected;

@@ -568,9 +568,9 @@ Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& o
   const CalibrationOptions run = plain(options);
   Solution& solution = out.solution;
   const Solution& mounts = model.mounts;
-  if (!model.defined) {
+  if (!model.defined) {  // the calibration with starting widths says what is wrong
     solution = model.starts ? uncancelled(calibrate(model.at_start(), run)) : mounts;
-    return {out, {}};  // (says what is wrong)
+    return {out, {}};
   }
   const Learned& learned = model.learned;
   const Selection& selection = model.selection;
@@ -589,9 +589,8 @@ Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& o
   };
   solution = uncancelled(calibrate(final, run, variations));
   if (solution.status == Status::unobservable) {
-    // What is held now told, with its noise, what nothing tells: how high a robot with parallel
-    // axes stands. It led metres away; poses stay where they start along what the data do not
-    // determine.
+    // The noise of parameters that are fixed now determined what the data do not: how high a robot
+    // with parallel axes stands. It led metres away. Poses stay at their start in such directions.
     start = mounts.values.shared;
     solution = uncancelled(calibrate(final, run, variations));
   }
