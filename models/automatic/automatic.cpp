@@ -294,7 +294,7 @@ void weigh_lenses(Calibrated& best) {
       if (found != prediction.columns.end())
         moved(found - prediction.columns.begin()) = lens.moved(static_cast<Eigen::Index>(i));
     }
-    prediction.covariance += lens.model.probability() * moved * moved.transpose();
+    cover_change(moved, lens.model.probability(), prediction.covariance);
     best.found.other_models.push_back(std::move(lens.model));
   }
   set_predicted_sigmas(best.found);

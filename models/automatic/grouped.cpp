@@ -604,9 +604,8 @@ Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& o
   fix_factor_of_loads(recording.table, solution.values.shared, *solution.prediction);
   out.other_models = other_models(recording, at, learned.widths, solution.initial);
   for (const OtherModel& other : out.other_models)
-    if (const Eigen::Index n = other.moved.size())
-      solution.prediction->covariance.topLeftCorner(n, n) +=
-          other.probability() * other.moved * other.moved.transpose();
+    if (other.moved.size() > 0)
+      cover_change(other.moved, other.probability(), solution.prediction->covariance);
   out.other_models.insert(out.other_models.end(), learned.other_models.begin(),
                           learned.other_models.end());
   add_gauges(solution, out.gauges, *solution.prediction);

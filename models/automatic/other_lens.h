@@ -9,8 +9,7 @@
 // coefficients have a group of their own: they are some hundredths of radial ones, and with one
 // width for both, small terms that turn the camera by many sigmas would count as unlikely.
 //
-// With m the change of all other parameters and P the probability of the other lens, the second
-// moment grows by P m m'.
+// With m the change of all other parameters, predicted errors cover the other lens (widths.h).
 #pragma once
 
 #include <memory>

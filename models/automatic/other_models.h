@@ -18,8 +18,8 @@
 // of its group it is less likely than a board of another size: board and arm share one scale, and
 // the other lengths absorb the rest of the error. With the sizes fixed at the rig's values and the
 // widths learned again, that length's error is far larger than the others; with a width of its own
-// it explains the data equally well. Let m be the change of all unknowns and P the probability
-// of this model: the second moment of the errors grows by P m m'.
+// it explains the data equally well. Let m be the change of all unknowns: predicted errors cover
+// this model's (widths.h).
 //
 // A prior. Each stated prior is a group whose width is learned with the others, starting far wider
 // than stated: under the stated prior other unknowns have absorbed the error, and the search

@@ -117,8 +117,9 @@ OtherRobot other_robot(const Recording& recording, const GroupedFit& fitted, int
 }  // namespace
 
 double OtherRobot::mixed(size_t k, double own) const {
-  return width[k] > 0 ? std::sqrt((1 - probability) * own * own + probability * width[k] * width[k])
-                      : own;
+  if (width[k] == 0) return own;
+  return std::sqrt(covering_variance(Eigen::Vector2d(own * own, width[k] * width[k]),
+                                     Eigen::Vector2d(1 - probability, probability)));
 }
 
 std::vector<OtherRobot> other_robots(const Recording& recording, const GroupedFit& fitted,

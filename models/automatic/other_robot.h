@@ -17,9 +17,9 @@
 // (Hence data that say nothing of lengths leave them as certain as the rig states them.)
 //
 // Errors. Let P be its probability, x1 and M1 its estimate and second moment, x0 and M0 those of
-// the groups, which are reported. The second moment of the errors becomes
-//     (1 - P) M0 + P (M1 + m m'),   m = x1 - x0.
-// One width for all lengths cannot express this: 18 mm in one of eight directions become 6 mm in
+// the groups, which are reported. Errors have M0 with probability 1 - P, else M1 + m m' with
+// m = x1 - x0; the predicted ones cover this mixture (widths.h).
+// One width for all lengths cannot express it: 18 mm in one of eight directions become 6 mm in
 // each, and 6 mm in a length that no measurement depends on.
 #pragma once
 
@@ -37,10 +37,8 @@ struct OtherRobot {
   MatrixXd second_moment;     // M1 + m m', by unknown
   std::vector<double> width;  // S_i of the group's members, unseen ones behind; 0: S_i = s_i
 
-  /// The second moment of errors, with `own` that of the groups.
-  MatrixXd mixed(const MatrixXd& own) const {
-    return (1 - probability) * own + probability * second_moment;
-  }
+  /// The covariance of predicted errors, with `own` that of the groups.
+  MatrixXd mixed(const MatrixXd& own) const { return covering(own, second_moment, probability); }
   /// The width of member k, with `own` that of its group.
   double mixed(size_t k, double own) const;
 };

@@ -14,9 +14,11 @@ constexpr double kLargestStep = 1.5, kSmallestStep = 1e-4;  // in u
 constexpr double kLargestWidth = 2;  // of the widths that are weighed, in spreads of the hyperprior
 constexpr int kGrid = 8;             // of them, to either side
 constexpr double kSmallestPivot = 1e-6;  // of H's factor, scaled: above rounding
-constexpr double kBeyondThree = 0.0027;  // share of normal errors beyond three sigmas
-constexpr double kResolved = 1e-3;       // share that is prior, below which only the mean counts
-constexpr double kDetermined = 0.1;      // share of a number that the data tell, to keep it
+constexpr double kCovered = 2;           // sigmas that a predicted error covers as a normal one
+const double kBeyond = 2 * normal_tail(kCovered);
+constexpr double kSmallestDirection = 1e-7;  // scaled, of a covariance's root: above rounding
+constexpr double kResolved = 1e-3;   // share that is prior, below which only the mean counts
+constexpr double kDetermined = 0.1;  // share of a number that the data tell, to keep it
 
 /// 1 / t_i^2; 0: no prior.
 VectorXd precision(const WidthProblem& p, const VectorXd& factor) {
@@ -214,6 +216,47 @@ double log_hyperprior(const WidthProblem& p, const VectorXd& factor) {
   return -0.5 * u.dot(hyperprior_precision(p) * u);
 }
 
+double covering_variance(const VectorXd& variance, const VectorXd& weight) {
+  double low = std::sqrt(variance.minCoeff()), high = std::sqrt(variance.maxCoeff());
+  for (int i = 0; i < 40; ++i) {
+    const double s = 0.5 * (low + high);
+    double beyond = 0;
+    for (Eigen::Index j = 0; j < variance.size(); ++j)
+      if (variance(j) > 0)
+        beyond += weight(j) * 2 * normal_tail(kCovered * s / std::sqrt(variance(j)));
+    (beyond > kBeyond * weight.sum() ? low : high) = s;
+  }
+  return high * high;
+}
+
+MatrixXd covering(const MatrixXd& own, const MatrixXd& other, double probability) {
+  // In the principal directions of one relative to their sum, scaled: own a, other 1 - a.
+  const VectorXd scale =
+      (own + other).diagonal().unaryExpr([](double v) { return v > 0 ? 1 / std::sqrt(v) : 0.0; });
+  const SymmetricEigen sum =
+      symmetric_eigen(scale.asDiagonal() * (own + other) * scale.asDiagonal());
+  const VectorXd root = sum.values.cwiseMax(0).cwiseSqrt();
+  const VectorXd inverse = root.unaryExpr(
+      [&](double v) { return v > kSmallestDirection * root.maxCoeff() ? 1 / v : 0.0; });
+  const MatrixXd whiten = inverse.asDiagonal() * sum.vectors.transpose() * scale.asDiagonal();
+  const SymmetricEigen e = symmetric_eigen(whiten * own * whiten.transpose());
+  VectorXd weight(2), s(e.values.size());
+  weight << 1 - probability, probability;
+  for (Eigen::Index i = 0; i < s.size(); ++i) {
+    const double a = std::clamp(e.values(i), 0.0, 1.0);
+    s(i) = std::sqrt(covering_variance(Eigen::Vector2d(a, 1 - a), weight));
+  }
+  const VectorXd unscale = scale.unaryExpr([](double v) { return v > 0 ? 1 / v : 0.0; });
+  return gram((unscale.asDiagonal() * sum.vectors * root.asDiagonal() * e.vectors * s.asDiagonal())
+                  .transpose());
+}
+
+void cover_change(const VectorXd& moved, double probability, MatrixXd& covariance) {
+  MatrixXd other = covariance;
+  other.topLeftCorner(moved.size(), moved.size()) += moved * moved.transpose();
+  covariance = covering(covariance, other, probability);
+}
+
 /// The hyperprior of each group's u, given the evidence of the others: normal.
 struct ByOthers {
   VectorXd mean, variance;
@@ -244,20 +287,6 @@ struct OtherWidths {
   double inflation = 1;    // of the squared width of what the data do not tell
   double average = 1;      // of the evidence over all widths (kAnyWidth), against that at the best
 };
-
-/// The variance of which three standard deviations are seldom exceeded by a normal error whose
-/// variance is one of these, by their weights.
-double bounding_variance(const VectorXd& variance, const VectorXd& weight) {
-  double low = std::sqrt(variance.minCoeff()), high = std::sqrt(variance.maxCoeff());
-  for (int i = 0; i < 40; ++i) {
-    const double s = 0.5 * (low + high);
-    double beyond = 0;
-    for (Eigen::Index j = 0; j < variance.size(); ++j)
-      beyond += weight(j) * 2 * normal_tail(3 * s / std::sqrt(variance(j)));
-    (beyond > kBeyondThree * weight.sum() ? low : high) = s;
-  }
-  return high * high;
-}
 
 OtherWidths other_widths(const WidthProblem& p, const Widths& widths, const ByOthers& expected,
                          int group) {
@@ -300,14 +329,14 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, const ByOt
   out.average = 0;
   for (Eigen::Index i = 0; i < u.size(); ++i)
     out.average += wide(i) * std::exp(log_evidence(u(i) - best));
-  out.inflation = std::max(1.0, bounding_variance(f2, weight));
+  out.inflation = std::max(1.0, covering_variance(f2, weight));
   const MatrixXd gain = block(c, all, members) * root.asDiagonal() * e.vectors;
   const VectorXd wider = weight.array() * (d.array() > 0).cast<double>() / weight.sum();
   MatrixXd moment = MatrixXd::Zero(prior.size(), prior.size());
   for (Eigen::Index k = 0; k < prior.size(); ++k) {
     const VectorXd variance = (1 - prior(k) * d.array()).inverse();  // over that at the best
     const double mean = (wider.array() * (variance.array() - 1)).sum();
-    const double bound = bounding_variance(variance, weight) - 1;
+    const double bound = covering_variance(variance, weight) - 1;
     moment(k, k) = prior(k) > kResolved ? std::max(mean, bound) / prior(k)
                                         : (wider.array() * d.array() * variance.array()).sum();
   }

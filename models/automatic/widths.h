@@ -47,8 +47,14 @@
 // (Woodbury). Over a grid of f, weighted by evidence and hyperprior (of u_k given the evidence of
 // the other groups, which is normal in u with precision A), the second moment includes the
 // mean of x's changes to wider widths. Each direction's variance 1 / (1 - d e) belongs to a mixture
-// of normal errors, with longer tails than one; it is enlarged until no more than 0.27 % of errors
-// are beyond three sigmas, as for normal errors.
+// of normal errors, with longer tails than one.
+//
+// Mixtures are stated as the variance that covers them: no more errors are beyond two sigmas than
+// of normal ones (4.55 %, k = 2 of JCGM 100). Second moments follow the tails: an alternative of
+// 50 mm and 2 % made 7 mm of 1 mm in a length that no measurement depends on. (With 0.27 % beyond
+// three sigmas, parameters without evidence counted as 4.7 usual errors.) Of another lens, length
+// or robot (other_models.h, other_robot.h) the mixture is covered in each principal direction of
+// one covariance relative to the other.
 #pragma once
 
 #include <Eigen/Core>
@@ -108,6 +114,15 @@ double evidence_gain(const WidthProblem& problem, const Widths& widths, int grou
 double log_evidence(const WidthProblem& problem, const VectorXd& factor);
 /// Returns the log hyperprior of these factors, up to a constant.
 double log_hyperprior(const WidthProblem& problem, const VectorXd& factor);
+
+/// Returns the variance of a predicted error that is normal with one of these variances, by weight:
+/// no more of such errors are beyond two sigmas than of normal ones (4.55 %, k = 2 of JCGM 100).
+double covering_variance(const VectorXd& variance, const VectorXd& weight);
+/// Returns the covariance of predicted errors with second moment `other` at this probability, else
+/// `own`: it covers so in each principal direction of one relative to the other. It allocates.
+MatrixXd covering(const MatrixXd& own, const MatrixXd& other, double probability);
+/// The same for an alternative in which the first unknowns are changed by `moved`.
+void cover_change(const VectorXd& moved, double probability, MatrixXd& covariance);
 
 /// The groups and components fixed for lack of evidence.
 struct Selection {

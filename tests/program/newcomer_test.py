@@ -317,22 +317,21 @@ class Words(Case):
         base, = self.warnings(result, "base_frame")
         for name in ("target/board/pose.x", "joint/pan/offset"):
             self.assertIn(name, base)
-        last, = self.warnings(result, "last_zero")
-        for name in ("joint/hold/origin.rx", "joint/tilt/offset"):
-            self.assertIn(name, last)
+        self.assertEqual(self.warnings(result, "last_zero"), [], text)  # a zero that no data check is expected within a degree
         # the tilt is the camera's, up to its own zero
         origin = result["parameters"]["joint/hold/origin"]
         self.assertAlmostEqual(origin["value"][3], 0.008 - 0.007, delta=0.004)
 
     def test_where_the_base_frame_is_is_no_doubt(self):
         """The first joint's zero and the base frame's turn about its axis are one number: no posture helps, and nobody is harmed."""
-        samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
+        far = dict(TRACKER_TRUTH, **{"sensor/tracker/pose": [5.0, 0.5, 0.3, 0.1, 0.2, 2.0]})
+        samples = self.simulate(TRACKER, far, samples=30)
         result, text = self.calibrate(samples)
         self.assertEqual(self.warnings(result, "sigma"), [], text)
         self.assertEqual(result["verdict"]["use"], "good", text)
         self.assertNotIn("more varied postures", text)
         found, = self.warnings(result, "base_frame")
-        self.assertRegex(found, r"^sensor/tracker/pose.y \(0.011\d* m\) and sensor/tracker/pose.x \(0.011\d* m\) are determined no better than the base frame")
+        self.assertRegex(found, r"^sensor/tracker/pose.x \(0.02\d+ m\) and sensor/tracker/pose.y \(0.01\d+ m\) are determined no better than the base frame")
         self.assertIn("fix joint/j1/offset (--fix)", found)
         self.assertGreater(result["parameters"]["sensor/tracker/pose"]["sigma"][1], 0.01)  # it is still told
         result, text = self.calibrate(samples, "--fix", "joint/j1/offset")
@@ -780,10 +779,10 @@ class Words(Case):
         self.kincal("simulate", "rig.yaml", "--samples", "12", "--seed", "2", "--postures", "turned.jsonl", "--truth", "truth.json", "--out", "turned")
         with open(self.path("turned", "samples.jsonl"), encoding="utf-8") as file:
             samples = [json.loads(line) for line in file]
-        for steps, code in (("", 2), ("estimate:\n  - {step: mounts, free: [sensor/cam/pose, target/board/pose]}\n", 0)):
+        for steps in ("", "estimate:\n  - {step: mounts, free: [sensor/cam/pose, target/board/pose]}\n"):
             with self.subTest(steps=steps):
                 self.write("open.yaml", CAMERA + steps)
-                result, text = self.calibrate(samples, code=code, rig="open.yaml")
+                result, text = self.calibrate(samples, rig="open.yaml")
                 self.assertEqual(result["verdict"]["use"], "no")
                 said = result["verdict"]["text"]
                 self.assertIn("ensor 'cam' against target 'board' turned about one axis only", said)

@@ -6,7 +6,8 @@
 // and when there is none; the derivative of evidence and hyperprior; that learning ends where it
 // vanishes; the gain of a group, alone and given those held before; the second moment of what is
 // held against solving with it fixed; that a group of which the data say nothing keeps its width;
-// that root second moments cover the errors of a group of six numbers whatever its true width. Does
+// that a mixture is covered (its share beyond two sigmas, in each direction), and that root second
+// moments cover the errors of a group of six numbers whatever its true width. Does
 // not prove: anything of a nonlinear problem, nor of several groups or of numbers that the data
 // tell only together (the Monte Carlo has one group, each number seen by itself); and a group that
 // is far worse than its start and that the data hardly see is known to be covered badly.
@@ -405,13 +406,64 @@ TEST_CASE("widths: a group of which the data say nothing keeps its width, in its
     CHECK(selection.whole == std::vector<char>{0, 1});
     CHECK(selection.gain(1) == Approx(0).margin(1e-6));
     for (const int i : numbers_of(l.problem, 1)) {
-      // Perhaps several times wider than its start: 0.27 % of errors from widths that the
-      // hyperprior (to two of its spreads) allows are beyond three times 4.72 starts.
+      // Perhaps several times wider than its start: 4.55 % of errors from widths that the
+      // hyperprior (to two of its spreads) allows are beyond two times 2.56 starts.
       const double share = selection.second_moment(i, i) / std::pow(l.problem.start(i), 2);
       CHECK(share == Approx(selection.inflation(1)).epsilon(1e-3));
-      CHECK(selection.inflation(1) == Approx(4.72 * 4.72).epsilon(0.01));
+      CHECK(selection.inflation(1) == Approx(2.56 * 2.56).epsilon(0.01));
     }
   }
+}
+
+TEST_CASE("widths: a mixture is covered as a normal error is, in each of its directions") {
+  const auto beyond = [](double variance, double sigma) {  // two sigmas, of a normal error
+    return std::erfc(2 * sigma / std::sqrt(2 * variance));
+  };
+  const double normal = beyond(1, 1);
+  CHECK(covering_variance(vector({3}), vector({0.2})) == Approx(3));
+  for (const double wide : {1.5, 30.0, 2500.0}) {
+    double last = 1;
+    for (const double p : {0.001, 0.02, 0.1, 0.5, 0.999}) {
+      const double v = covering_variance(vector({1, wide}), vector({1 - p, p})), s = std::sqrt(v);
+      CHECK((1 - p) * beyond(1, s) + p * beyond(wide, s) == Approx(normal).epsilon(1e-6));
+      CHECK(v > last);
+      last = v;
+    }
+    CHECK(last < wide);
+  }
+  // Unlikely alternatives count by what they leave beyond two sigmas, not by their second moment.
+  CHECK(covering_variance(vector({1, 2500}), vector({0.98, 0.02})) < 1.3);
+
+  Random random(7);
+  const auto any = [&](int rank) {
+    MatrixXd out(5, rank);
+    for (Eigen::Index i = 0; i < out.size(); ++i) out.data()[i] = random.normal();
+    return MatrixXd(out * out.transpose());
+  };
+  for (const int rank : {5, 3}) {  // 3: some directions are exact in both
+    const MatrixXd own = any(rank);
+    const VectorXd moved = own * VectorXd::Ones(5);
+    const MatrixXd other = 0.1 * own + moved * moved.transpose();
+    CHECK((covering(own, other, 0) - own).norm() < 1e-9 * own.norm());
+    CHECK((covering(own, other, 1) - other).norm() < 1e-9 * other.norm());
+    const MatrixXd at = covering(own, other, 0.3);
+    // The only directions: the change (1 and 0.1 + its square), and all others (1 and 0.1).
+    const double least = covering_variance(vector({1, 0.1}), vector({0.7, 0.3}));
+    const MatrixXd rest = at - least * own;
+    const VectorXd direction = moved.normalized();
+    CHECK((rest - direction * direction.transpose() * rest.trace()).norm() < 1e-8 * at.norm());
+    // Units do not matter.
+    const VectorXd unit = vector({1e-3, 1, 1e3, 1, 1e-4});
+    const MatrixXd scaled = covering(unit.asDiagonal() * own * unit.asDiagonal(),
+                                     unit.asDiagonal() * other * unit.asDiagonal(), 0.3);
+    CHECK((scaled - unit.asDiagonal() * at * unit.asDiagonal()).norm() < 1e-6 * scaled.norm());
+  }
+  // Where one has no error at all, the other's is covered.
+  MatrixXd one = MatrixXd::Zero(2, 2);
+  one(0, 0) = 4;
+  cover_change(vector({0, 3}), 0.5, one);
+  CHECK(one(0, 0) == Approx(4));
+  CHECK(0.5 * beyond(9, std::sqrt(one(1, 1))) == Approx(normal).epsilon(1e-6));
 }
 
 TEST_CASE("widths: errors are covered whatever a group's true width is") {
