@@ -100,6 +100,7 @@ std::string error_table(const Field& result) {
 std::string part_name(const std::string& parameter, size_t c, size_t size) {
   static const std::vector<std::string> kPose = {"x", "y", "z", "rx", "ry", "rz"},
                                         kIntrinsics = {"fx", "fy", "cx", "cy"},
+                                        kPrint = {"stretch", "shear"},
                                         kFisheye = {"k1", "k2", "k3", "k4"},
                                         kLens = {"k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"};
   const std::string kind = parameter.substr(parameter.rfind('/') + 1);
@@ -107,6 +108,7 @@ std::string part_name(const std::string& parameter, size_t c, size_t size) {
   if (kind == "curve") return std::to_string(c);
   if (kind == "points") return std::to_string(c / 3) + "." + kPose[c % 3];
   const std::vector<std::string>& names = kind == "intrinsics"   ? kIntrinsics
+                                          : kind == "print"      ? kPrint
                                           : kind != "distortion" ? kPose
                                           : size == 4            ? kFisheye
                                                                  : kLens;

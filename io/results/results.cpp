@@ -62,6 +62,8 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
       out.target_squares[t] = values(table.all[table.target_square[t]].start);
       if (table.target_warp[t] >= 0)
         out.target_warps[t] = values.segment<2>(table.all[table.target_warp[t]].start);
+      if (table.target_print[t] >= 0)
+        out.target_prints[t] = values.segment<2>(table.all[table.target_print[t]].start);
     } else {
       const Parameter& p = table.all[table.target_points[t]];
       out.target_points[t] =

@@ -177,6 +177,8 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
       target.bulge = warp_shapes(target.layout);
       target.warp = Eigen::Map<const Eigen::Vector2d>(field["warp"].vector(2).data());
     }
+    if (field.has("print"))
+      target.print = Eigen::Map<const Eigen::Vector2d>(field["print"].vector(2).data());
   } else if (marker) {
     target.points = marker_corners(field["size"].positive());
     target.y_up = true;

@@ -291,6 +291,7 @@ RigValues values_of(const Rig& rig) {
     values.target_poses.push_back(given_pose(target, target.link_T_target));
     values.target_squares.push_back(target.square);
     values.target_warps.push_back(target.warp);
+    values.target_prints.push_back(target.print);
     values.target_points.push_back(target.points);
   }
   return values;
@@ -361,6 +362,8 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
                values.target_points[t]);
     if (target.warp != values.target_warps[t])
       member(node, "warp") = list_node(values.target_warps[t].data(), 2);
+    if (values.target_prints[t] && target.print != values.target_prints[t])
+      member(node, "print") = list_node(values.target_prints[t]->data(), 2);
   }
   if (values.elasticity)
     member(root, "elasticity", {"joints"}) = elasticity_node(*values.elasticity, rig.rig.tree);

@@ -34,6 +34,7 @@ struct RigValues {
   std::vector<std::optional<Pose>> target_poses;  // by target index; of free ones ignored
   std::vector<double> target_squares;
   std::vector<Eigen::Vector2d> target_warps;
+  std::vector<std::optional<Eigen::Vector2d>> target_prints;
   std::vector<Eigen::Matrix3Xd> target_points;  // not grids
   std::optional<Elasticity> elasticity;         // if set, the entry is written again
 };

@@ -8,15 +8,18 @@ namespace kincal {
 
 const std::vector<TargetKeys>& target_types() {
   static const std::vector<TargetKeys> types = {
-      {"chessboard", {"rows", "columns", "square"}, {"warp"}, "square"},
-      {"circles", {"rows", "columns", "spacing"}, {"asymmetric", "origin", "warp"}, "spacing"},
+      {"chessboard", {"rows", "columns", "square"}, {"warp", "print"}, "square"},
+      {"circles",
+       {"rows", "columns", "spacing"},
+       {"asymmetric", "origin", "warp", "print"},
+       "spacing"},
       {"charuco",
        {"rows", "columns", "square", "marker", "dictionary"},
-       {"warp", "first_id"},
+       {"warp", "print", "first_id"},
        "square"},
       {"apriltag_grid",
        {"rows", "columns", "tag", "spacing", "family"},
-       {"warp", "first_id"},
+       {"warp", "print", "first_id"},
        "tag"},
       {"marker", {"dictionary", "id", "size"}, {}, ""},
       {"points", {"points"}, {}, ""},

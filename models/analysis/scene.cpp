@@ -57,6 +57,8 @@ Vector3d Scene::point(const VectorXd& values, int target, int id) const {
   const Target& t = rig().targets[target];
   if (t.grid) {
     Vector3d p = values(table().all[table().target_square[target]].start) * t.layout.col(id);
+    if (const int print = table().target_print[target]; print >= 0)
+      p.head<2>() = print_map(values.segment<2>(table().all[print].start)) * p.head<2>().eval();
     if (table().target_warp[target] >= 0)
       p.z() +=
           values.segment<2>(table().all[table().target_warp[target]].start).dot(t.bulge.col(id));

@@ -211,8 +211,8 @@ void add_together(const std::vector<std::string>& names,
   }
 }
 
-/// Backlash, time offsets and temperature. Each may hide another: one that was not kept is tried
-/// again beside those that were.
+/// Prints, backlash, time offsets and temperature. Each may hide another: one that was not kept is
+/// tried again beside those that were.
 void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> possible = best.fit.groups.further;
   const auto with = [&](const std::vector<std::string>& groups) {
@@ -220,14 +220,15 @@ void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
     if (is_among(groups, kBacklash)) out.recording = with_backlash(*out.recording);
     if (is_among(groups, kTimeOffsets)) out.recording = with_time_offsets(*out.recording);
     if (is_among(groups, kTemperature)) out.recording = with_temperature(*out.recording);
+    if (is_among(groups, kPrints)) out.recording = with_prints(*out.recording);
     return out;
   };
-  model.options.progress.stage("backlash, time offsets, temperature");
+  model.options.progress.stage("prints, backlash, time offsets, temperature");
   const std::vector<std::string>& kept = model.options.begin.further;
   for (size_t before = kept.size() + 1; before != kept.size();) {
     before = kept.size();
     std::vector<std::string> names;
-    for (const char* const name : {kBacklash, kTimeOffsets, kTemperature})
+    for (const char* const name : {kPrints, kBacklash, kTimeOffsets, kTemperature})
       if (is_among(possible, name) && !is_among(kept, name)) names.emplace_back(name);
     add_together(names, with, model, best, record);
   }
@@ -331,7 +332,8 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
   if (best.found.solution.usable() && best.fit.recording) {  // (else no widths were learned)
     FurtherRecord record;
     do {
-      add_conditions(model, best, record);  // (nothing else looks like what a sample states)
+      add_conditions(model, best,
+                     record);  // (nothing else looks like a print, or what a sample states)
       bend_joints({kCompliance, kComplianceAcross}, model, best, record);
       add_to_joints(kRippleOf, with_ripple, model, best, record);
       add_to_joints(kCurve, with_curves, model, best, record);

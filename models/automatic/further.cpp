@@ -199,6 +199,13 @@ std::shared_ptr<const Recording> with_temperature(const Recording& recording) {
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
+std::shared_ptr<const Recording> with_prints(const Recording& recording) {
+  Rig rig = recording.rig;
+  for (Target& target : rig.targets)
+    if (target.grid && !target.print) target.print.emplace(0, 0);
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
 std::shared_ptr<const Recording> with_ripple(const Recording& recording,
                                              const std::vector<int>& joints) {
   Rig rig = recording.rig;
@@ -242,6 +249,7 @@ Recording with_models_of(const Recording& recording, const Recording& other) {
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     rig.sensors[s].time_offset = other.rig.sensors[s].time_offset;
+  for (size_t t = 0; t < rig.targets.size(); ++t) rig.targets[t].print = other.rig.targets[t].print;
   return recording.with_rig(std::move(rig));
 }
 
@@ -267,6 +275,8 @@ std::shared_ptr<const Recording> without_added(const Recording& recording) {
   }
   for (Sensor& sensor : rig.sensors)
     if (sensor.time_offset == 0) sensor.time_offset.reset();
+  for (Target& target : rig.targets)
+    if (target.print == Eigen::Vector2d(0, 0)) target.print.reset();
   if (rig.elasticity && (rig.elasticity->added || !bends(*rig.elasticity))) {
     const Elasticity nominal = nominal_elasticity(rig);
     rig.elasticity->added = false;

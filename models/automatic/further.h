@@ -6,6 +6,7 @@
 //   compliance          about the joints' axes, with the loads that the rig begins with
 //   compliance across   of the joints' axes, in the stator's frame or the rotor's
 //   loads               first moments of the moving links
+//   prints              of boards: longer along x than along y, sheared (rig/targets.h)
 //   backlash            of joints whose direction of approach the samples state
 //   time offsets        of sensors that measured while joints moved, if the samples state rates
 //   temperature         of joints, if the samples state different ones
@@ -59,6 +60,8 @@ std::shared_ptr<const Recording> with_curves(const Recording& recording,
 std::shared_ptr<const Recording> with_backlash(const Recording& recording);
 /// Returns the recording with a temperature coefficient of every joint that moves.
 std::shared_ptr<const Recording> with_temperature(const Recording& recording);
+/// Returns the recording with a print of every board that may be out of scale.
+std::shared_ptr<const Recording> with_prints(const Recording& recording);
 /// Returns the recording with ripples of these joints, at the ratios that the rig states.
 std::shared_ptr<const Recording> with_ripple(const Recording& recording,
                                              const std::vector<int>& joints);

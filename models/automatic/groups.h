@@ -88,6 +88,7 @@ inline const char* const kLoads = "loads";
 inline const char* const kBacklash = "backlash";
 inline const char* const kTimeOffsets = "time offsets";
 inline const char* const kTemperature = "temperature";
+inline const char* const kPrints = "prints";
 inline const std::string kRippleOf = "ripple/", kCurve = "curve/", kCouplingOf = "coupling/";
 inline bool is_bending(const std::string& group) {
   return group == kCompliance || group == kComplianceAcross || group == kLoads;
@@ -105,7 +106,8 @@ inline bool corrects_readings(const std::string& group) {
   return is_bending(group) || group == kTemperature || is_of_joint(group);
 }
 inline bool is_further(const std::string& group) {
-  return corrects_readings(group) || group == kBacklash || group == kTimeOffsets;
+  return corrects_readings(group) || group == kBacklash || group == kTimeOffsets ||
+         group == kPrints;
 }
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to omit.

@@ -140,6 +140,7 @@ std::vector<char> Estimation::influencing() const {
       if (!v.sensor->model->measures_pose()) {
         use(layout.table.target_square[v.target_index]);
         use(layout.table.target_warp[v.target_index]);
+        use(layout.table.target_print[v.target_index]);
         use(layout.table.target_points[v.target_index]);
       }
       for (const PathStep& step : entry.second->paths[v.path].steps) {

@@ -482,8 +482,9 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
   const int square = v.model->measures_pose() ? -1 : table.target_square[v.target_index];
   const int points = v.model->measures_pose() ? -1 : table.target_points[v.target_index];
   const int warp = v.model->measures_pose() ? -1 : table.target_warp[v.target_index];
+  const int print = v.model->measures_pose() ? -1 : table.target_print[v.target_index];
   const bool points_freed = points >= 0 && freed[points];
-  v.kernel = !v.covariances && !points_freed && warp < 0 &&
+  v.kernel = !v.covariances && !points_freed && warp < 0 && print < 0 &&
                      (setup.noise == NoiseMode::latent || setup.noise == NoiseMode::none)
                  ? v.model->kernel()
                  : nullptr;
@@ -519,12 +520,13 @@ void Layout::place_view(ViewLayout& v, const std::map<int, int>& places,
     c.square = c.total++;
     v.map.own.push_back({c.square, shared(first_column[square]), 1});
   }
-  if (warp >= 0 && freed[warp]) {
-    c.warp = c.total;
+  for (const auto& [shape, column] : {std::pair(warp, &c.warp), std::pair(print, &c.print)}) {
+    if (shape < 0 || !freed[shape]) continue;
+    *column = c.total;
     c.total += 2;
-    for (size_t i = 0; i < freed[warp]->components.size(); ++i)
-      v.map.own.push_back({c.warp + freed[warp]->components[i],
-                           shared(first_column[warp] + static_cast<int>(i)), 1});
+    for (size_t i = 0; i < freed[shape]->components.size(); ++i)
+      v.map.own.push_back({*column + freed[shape]->components[i],
+                           shared(first_column[shape] + static_cast<int>(i)), 1});
   }
   if (points_freed) {
     c.points = c.total;

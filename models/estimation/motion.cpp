@@ -34,9 +34,11 @@ void resize_scratch(const Layout& layout, int count, std::vector<Scratch>& scrat
   }
   scratch.resize(count);
   for (Scratch& s : scratch) {
-    s.points.resize(layout.rig.targets.size());
-    for (size_t t = 0; t < s.points.size(); ++t)
-      s.points[t].resize(3, layout.rig.targets[t].count());
+    for (auto* points : {&s.points, &s.plain, &s.layouts}) {
+      points->resize(layout.rig.targets.size());
+      for (size_t t = 0; t < points->size(); ++t)
+        (*points)[t].resize(3, layout.rig.targets[t].count());
+    }
     s.rows_memory.assign(rows * (width + 1), 0.0);
     new (&s.rows) Eigen::Map<MatrixXd>(s.rows_memory.data(), static_cast<Eigen::Index>(rows),
                                        static_cast<Eigen::Index>(width) + 1);

@@ -37,9 +37,11 @@ struct alignas(kCacheLine) Scratch {
   ViewInput input;
   Scan scan;
   std::vector<Eigen::Matrix3Xd> points;  // by target
-  std::vector<double> gathered;          // points of a view for its kernel
-  std::vector<double> turned;            // what the joint of a scan does at each, for its kernel
-  RowMatrix evaluated;                   // L as sensors without a kernel write it
+  std::vector<Eigen::Matrix3Xd> plain,
+      layouts;                   // by target: boards whose print may be out of scale
+  std::vector<double> gathered;  // points of a view for its kernel
+  std::vector<double> turned;    // what the joint of a scan does at each, for its kernel
+  RowMatrix evaluated;           // L as sensors without a kernel write it
   AlignedNumbers rows_memory;
   Eigen::Map<MatrixXd> rows{
       nullptr, 0, 0};          // in its top left corner: [L r]; residuals alone in the last column

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "../../solver/decompositions.h"
+#include "../rig/targets.h"
 
 namespace kincal {
 namespace {
@@ -75,10 +76,22 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
   ViewInput& in = scratch.input;
   Eigen::Matrix3Xd& points = scratch.points[v.layout->target_index];
   if (v.layout->target->grid) {
-    points = state(layout_.table.all[layout_.table.target_square[v.layout->target_index]].start) *
-             v.layout->target->layout;
+    const int target = v.layout->target_index;
+    const double square = state(layout_.table.all[layout_.table.target_square[target]].start);
+    points = square * v.layout->target->layout;
     in.layout = &v.layout->target->layout;
-    const int warp = layout_.table.target_warp[v.layout->target_index];
+    in.plain = nullptr;
+    if (const int print = layout_.table.target_print[target]; print >= 0) {
+      Eigen::Matrix3Xd &plain = scratch.plain[target], &layout = scratch.layouts[target];
+      layout = *in.layout;
+      layout.topRows<2>() =
+          print_map(state.segment<2>(layout_.table.all[print].start)) * in.layout->topRows<2>();
+      plain = points;
+      points = square * layout;
+      in.layout = &layout;
+      in.plain = &plain;
+    }
+    const int warp = layout_.table.target_warp[target];
     in.bulge = warp >= 0 ? &v.layout->target->bulge : nullptr;
     if (warp >= 0) {
       const double* by = state.data() + layout_.table.all[warp].start;
@@ -89,6 +102,7 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
     points = Eigen::Map<const Eigen::Matrix3Xd>(state.data() + p.start, 3, p.size() / 3);
     in.layout = nullptr;
     in.bulge = nullptr;
+    in.plain = nullptr;
   }
   in.points = &points;
   in.ids = v.layout->ids.data();

@@ -201,6 +201,7 @@ std::optional<Pose> minimised_pose(const Rig& rig, const ParameterTable& table,
          table.sensor_block[view.sensor] + static_cast<int>(b));
   copy(small.target_square[0], table.target_square[view.target]);
   copy(small.target_warp[0], table.target_warp[view.target]);
+  copy(small.target_print[0], table.target_print[view.target]);
   copy(small.target_points[0], table.target_points[view.target]);
   try {
     start_targets(recording, {0}, {0}, {LossKind::soft_l1, 3}, result, {StartEffort::converged});

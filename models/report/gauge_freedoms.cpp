@@ -11,6 +11,7 @@
 #include "../rig/geometry.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
+#include "../rig/words.h"
 
 namespace kincal {
 namespace {
@@ -193,8 +194,10 @@ JudgedSigma judged_sigma(const GaugeFreedoms& freedoms, const ParameterEstimate&
   return out;
 }
 
-std::string measure_words(const std::string& size) {
-  return "measure " + size + " over several fields, write it into the rig, and fix it (`fix`)";
+std::string measure_words(const std::vector<std::string>& sizes) {
+  const std::string them = sizes.size() > 1 ? "them" : "it";
+  return "measure " + listed(sizes) + " over several fields, write " + them +
+         " into the rig, and fix " + them + " (`fix`)";
 }
 
 }  // namespace kincal

@@ -59,7 +59,7 @@ struct JudgedSigma {
 };
 JudgedSigma judged_sigma(const GaugeFreedoms& freedoms, const ParameterEstimate& e, size_t c);
 
-/// Returns what to do about a pose that hangs on a target's size.
-std::string measure_words(const std::string& size);
+/// Returns what to do about a pose that depends on the sizes of targets.
+std::string measure_words(const std::vector<std::string>& sizes);
 
 }  // namespace kincal

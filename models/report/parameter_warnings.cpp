@@ -9,6 +9,7 @@
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
 #include "../rig/scales.h"
+#include "../rig/words.h"
 #include "gauge_freedoms.h"
 #include "warning_items.h"
 
@@ -175,13 +176,14 @@ LooseComponent loosest(const Report& report) {
 }
 
 /// Says why the worst of these is known so badly, and what to do.
-void explain_loose(const Report& report, const ParameterEstimate& e, const std::string& size,
-                   Notice& out) {
+/// `sizes` would have to be known.
+void explain_loose(const Report& report, const ParameterEstimate& e,
+                   const std::vector<std::string>& sizes, Notice& out) {
   const MotionLack lack =
       out.severity == Severity::fault ? motion_lack(*report.solution.recording) : MotionLack();
-  if (!size.empty()) {
-    out.why = "the data do not determine " + size;
-    out.cure = measure_words(size);
+  if (!sizes.empty()) {
+    out.why = "the data do not determine " + listed(sizes);
+    out.cure = measure_words(sizes);
   } else if (!lack.why.empty()) {
     out.why = lack.why;
     out.cure = lack.cure;
@@ -205,6 +207,7 @@ std::optional<Notice> loose_parameters(const Report& report) {
   LooseComponent worst;
   double largest = 0;
   std::vector<WarningItem> sigmas;
+  std::set<std::string> sizes;
   const GaugeFreedoms& unknown = gauge_freedoms(report);
   const LooseComponent loose = loosest(report);
   for (const ParameterEstimate& e : report.solution.parameters)
@@ -219,6 +222,7 @@ std::optional<Notice> loose_parameters(const Report& report) {
       const std::string name = e.component_name(c);
       sigmas.push_back(
           {Subject::parameter(name), name + " is known to " + known + " only (one sigma)", size});
+      if (!judged.size.empty()) sizes.insert(judged.size);
       if (size > largest) largest = size, worst = {&e, c, 1, judged.size};
     }
   if (sigmas.empty()) return std::nullopt;
@@ -226,7 +230,8 @@ std::optional<Notice> loose_parameters(const Report& report) {
       notice_of(NoticeKind::sigma, "parameters are known to no better than 1 cm or 1 degree",
                 std::move(sigmas));
   if (loose.pose) out.severity = Severity::fault;
-  explain_loose(report, *worst.pose, worst.size, out);
+  if (worst.size.empty()) sizes.clear();
+  explain_loose(report, *worst.pose, {sizes.begin(), sizes.end()}, out);
   return out;
 }
 

@@ -33,7 +33,8 @@ std::vector<char> movable_targets(const Rig& rig) {
         for (size_t t = 0; t < out.size(); ++t) {
           out[t] = out[t] || table.target_pose[t] == f.parameter;
           other[t] = other[t] || table.target_square[t] == f.parameter ||
-                     table.target_warp[t] == f.parameter || table.target_points[t] == f.parameter;
+                     table.target_warp[t] == f.parameter || table.target_print[t] == f.parameter ||
+                     table.target_points[t] == f.parameter;
         }
   for (size_t t = 0; t < out.size(); ++t) out[t] = out[t] && !other[t];
   return out;

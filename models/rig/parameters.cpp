@@ -90,6 +90,17 @@ void add_elasticity(const Rig& rig, const Add& add, std::vector<int>& compliance
   }
 }
 
+/// Adds the points of a target that is not a grid.
+template <class Add>
+int add_points(const Target& target, size_t t, const std::string& prefix, const Add& add) {
+  std::vector<std::string> components;
+  for (int i = 0; i < target.count(); ++i)
+    for (const char* c : {".x", ".y", ".z"}) components.push_back(std::to_string(i) + c);
+  std::vector<std::string> units(components.size(), "m");
+  return add(ParameterKind::points, t, prefix + "points", std::move(components), std::move(units),
+             {target.points.data(), target.points.data() + target.points.size()});
+}
+
 }  // namespace
 
 std::vector<double> further_values(const JointSettings& joint) {
@@ -222,17 +233,12 @@ ParameterTable::ParameterTable(const Rig& rig)
                               ? add(ParameterKind::warp, t, prefix + "warp", {"x", "y"}, {"m", "m"},
                                     {target.warp.x(), target.warp.y()})
                               : -1);
-    int points = -1;
-    if (!target.grid) {
-      std::vector<std::string> components;
-      for (int i = 0; i < target.count(); ++i)
-        for (const char* c : {".x", ".y", ".z"}) components.push_back(std::to_string(i) + c);
-      std::vector<std::string> units(components.size(), "m");
-      points =
-          add(ParameterKind::points, t, prefix + "points", std::move(components), std::move(units),
-              {target.points.data(), target.points.data() + target.points.size()});
-    }
-    target_points.push_back(points);
+    target_print.push_back(target.grid && target.print
+                               ? add(ParameterKind::print, t, prefix + "print",
+                                     {"stretch", "shear"}, {"", ""},
+                                     {target.print->x(), target.print->y()})
+                               : -1);
+    target_points.push_back(target.grid ? -1 : add_points(target, t, prefix, add));
   }
   add_elasticity(rig, add, compliance, load);
   const auto mount = [&](int pose, int joint) {
@@ -293,6 +299,9 @@ Rig centred(Rig rig) {
           break;
         case ParameterKind::square:
           rig.targets[p.owner].square = nominal.numbers[0];
+          break;
+        case ParameterKind::print:
+          rig.targets[p.owner].print = Eigen::Map<const Eigen::Vector2d>(nominal.numbers.data());
           break;
         case ParameterKind::intrinsics:
         case ParameterKind::distortion:

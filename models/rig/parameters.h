@@ -33,6 +33,7 @@ enum class ParameterKind {
   target_pose,
   square,
   warp,
+  print,
   points
 };
 
@@ -90,7 +91,8 @@ struct ParameterTable {
   std::vector<int> sensor_pose;       // by sensor
   std::vector<int> sensor_block;      // by sensor: its first own block; blocks follow one another
   std::vector<int> time_offset;       // by sensor
-  std::vector<int> target_pose, target_square, target_warp, target_points;  // by target
+  std::vector<int> target_pose, target_square, target_warp, target_print,
+      target_points;                            // by target
   std::vector<int> sensor_mount, target_mount;  // the calibrated mount: its pose, or
                                                 // the origin that replaces it
 

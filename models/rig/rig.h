@@ -67,10 +67,12 @@ struct Target {
   bool y_up = false;        // grid: y of the layout points up on the printed side, else down
   Eigen::Matrix2Xd bulge;   // grid that may be warped: height of each point for a warp of
                             // (1, 0) and (0, 1), targets.h; empty: it is flat
-  Eigen::Vector2d warp{0, 0};  // m, of these two shapes
-  Eigen::Matrix3Xd points;     // not a grid: m, target's frame
-  int link = -1;               // mounted on this link; -1: free, its own pose in every sample
-  Pose link_T_target;          // where mounted
+  Eigen::Vector2d warp{0, 0};                 // m, of these two shapes
+  std::optional<Eigen::Vector2d> print = {};  // grid whose print may be out of scale: stretch and
+                                              // shear, targets.h
+  Eigen::Matrix3Xd points;                    // not a grid: m, target's frame
+  int link = -1;       // mounted on this link; -1: free, its own pose in every sample
+  Pose link_T_target;  // where mounted
   bool pose_given =
       false;  // in the rig; else the identity, or unknown (see the formats' "Starting values")
   int mount_joint = -1;  // fixed joint whose origin is calibrated in place of the pose; -1: none

@@ -102,6 +102,7 @@ constexpr ScaleRow kScaleRows[] = {
     {K::time_offset,  "s",   10_ms,  20_ms,   10_ms,  no,    no,     no,     no,   no,     no},
     {K::square,       "m",   1_pc,   1_pc,    1_pc,   no,    no,     0.5_pc, 3_pc, 1.5_pc, 25_pc},
     {K::warp,         "m",   0.5_mm, 2_mm,    1_mm,   no,    no,     no,     no,   no,     no},
+    {K::print,        "",    0.002_n, 0.01_n, 0.001_n, no,  no,     no,     no,   no,     no},
     {K::points,       "m",   no,     1_cm,    1_cm,   no,    no,     no,     no,   1.5_pc, 25_cm},
 };
 // clang-format on

@@ -38,6 +38,11 @@ Eigen::Matrix2Xd warp_shapes(const Matrix3Xd& layout) {
   return out;
 }
 
+Eigen::Matrix2d print_map(const Eigen::Vector2d& print) {
+  return Eigen::Matrix2d::Identity() +
+         (Eigen::Matrix2d() << print.x(), print.y(), print.y(), -print.x()).finished() / 2;
+}
+
 void set_layout(Target& target, const Matrix3Xd& layout) {
   target.layout = layout;
   if (target.bulge.cols() > 0) target.bulge = warp_shapes(layout);
@@ -46,6 +51,7 @@ void set_layout(Target& target, const Matrix3Xd& layout) {
 Matrix3Xd target_points(const Target& target) {
   if (!target.grid) return target.points;
   Matrix3Xd points = target.square * target.layout;
+  if (target.print) points.topRows<2>() = print_map(*target.print) * points.topRows<2>().eval();
   if (target.bulge.cols() > 0) points.row(2) += target.warp.transpose() * target.bulge;
   return points;
 }
@@ -55,6 +61,9 @@ Matrix3Xd target_points(const Rig& rig, const ParameterTable& table, const Vecto
   const Target& t = rig.targets[target];
   if (t.grid) {
     Matrix3Xd points = values(table.all[table.target_square[target]].start) * t.layout;
+    if (const int print = table.target_print[target]; print >= 0)
+      points.topRows<2>() =
+          print_map(values.segment<2>(table.all[print].start)) * points.topRows<2>().eval();
     if (table.target_warp[target] >= 0)
       points.row(2) +=
           values.segment<2>(table.all[table.target_warp[target]].start).transpose() * t.bulge;

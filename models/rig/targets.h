@@ -31,6 +31,11 @@ Eigen::Matrix3Xd grid_layout(const GridLayout& grid);
 /// u and v from -1 to 1 over the board along x and y. So the two components of a warp are the
 /// heights of the board's middle above its edges, along z.
 Eigen::Matrix2Xd warp_shapes(const Eigen::Matrix3Xd& layout);
+/// Returns the map of a board's plane that a print out of scale has: with stretch a and shear b
+///     [1 + a/2, b/2; b/2, 1 - a/2],
+/// so lengths along x are longer than along y by a, and the angle between x and y is smaller by b.
+/// The mean length is the spacing's.
+Eigen::Matrix2d print_map(const Eigen::Vector2d& print);
 /// Sets another layout of a grid, and its warp shapes if it may be warped.
 void set_layout(Target& target, const Eigen::Matrix3Xd& layout);
 

@@ -74,6 +74,9 @@ class ChainPoints final : public SensorModel {
         L->block<3, 1>(3 * i, c.square) = shape * view.layout->col(view.ids[i]);
       if (c.warp >= 0 && view.bulge)
         L->block<3, 2>(3 * i, c.warp) = shape.col(2) * view.bulge->col(view.ids[i]).transpose();
+      if (c.print >= 0 && view.plain)
+        L->block<3, 2>(3 * i, c.print) =
+            shape.leftCols<2>() * d_print(view.plain->col(view.ids[i]).head<2>());
       if (c.points >= 0) L->block<3, 3>(3 * i, c.points + 3 * view.ids[i]) = shape;
     }
     return true;

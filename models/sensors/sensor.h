@@ -65,6 +65,8 @@ struct ViewInput {
   const Eigen::Matrix3Xd* points = nullptr;  // the target's points in its own frame, m
   const Eigen::Matrix3Xd* layout = nullptr;  // d points / d spacing (grids), else null
   const Eigen::Matrix2Xd* bulge = nullptr;   // d points.z / d warp (boards with a warp), else null
+  const Eigen::Matrix3Xd* plain = nullptr;   // boards with a print: the points were it to scale
+                                             // and flat, else null
   const int* ids = nullptr;                  // indices of the seen points
   int count = 0;                             // their number
   const double* z = nullptr;  // count x measurement_size() values (a pose: 7, x y z qx qy qz qw)
@@ -81,10 +83,11 @@ struct Columns {
   int parameters = -1;  // the sensor's own parameters
   int square = -1;      // spacing of a grid target
   int warp = -1;        // 2, of a board with a warp
+  int print = -1;       // 2, of a board whose print may be out of scale
   int points = -1;      // 3 per target point
   int total = 6;        // number of columns
   /// Returns whether a column of the target's shape is needed.
-  bool shape() const { return square >= 0 || warp >= 0 || points >= 0; }
+  bool shape() const { return square >= 0 || warp >= 0 || print >= 0 || points >= 0; }
 };
 
 /// A MeasurementKind is the kind of measurement that a view has of its target. Starting values and
@@ -162,6 +165,12 @@ constexpr int kMaxParameters = 20;
 using PointDerivatives =
     Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
 
+/// Returns the derivatives of a board's point in its plane, p were the print to scale, by stretch
+/// and shear of the print (rig/targets.h).
+inline Eigen::Matrix2d d_print(const Eigen::Vector2d& p) {
+  return (Eigen::Matrix2d() << p.x(), p.y(), -p.y(), p.x()).finished() / 2;
+}
+
 /// Fills in the derivatives of one point's residuals with respect to the target's shape; d_r_d_p
 /// are their derivatives with respect to the point.
 inline void point_rows(const ViewInput& view, const Columns& c, int i,
@@ -175,6 +184,9 @@ inline void point_rows(const ViewInput& view, const Columns& c, int i,
     if (c.warp >= 0 && view.bulge)
       L.block<1, 2>(row, c.warp) =
           a.dot(sensor_R_target.col(2)) * view.bulge->col(view.ids[i]).transpose();
+    if (c.print >= 0 && view.plain)
+      L.block<1, 2>(row, c.print) =
+          a * sensor_R_target.leftCols<2>() * d_print(view.plain->col(view.ids[i]).head<2>());
     if (c.points >= 0) L.block<1, 3>(row, c.points + 3 * view.ids[i]) = a * sensor_R_target;
   }
 }

@@ -789,6 +789,28 @@ class Words(Case):
                 self.assertIn("turn one of them about at least two axes that are not parallel", said)
                 self.assertNotRegex(said, r"[-+][0-9.]+ sensor/cam/pose")   # coefficients stand in result.json
 
+    def test_a_print_that_is_not_to_scale_is_found(self):
+        """The truth has the points of the print, the rig a board to scale: lens, joints and noise stay as they are. What is to scale gets no print."""
+        for stretch, shear in ((0.004, 0), (0, -0.003), (0, 0)):
+            with self.subTest(stretch=stretch, shear=shear):
+                points = [[0.025 * ((1 + stretch / 2) * c + shear / 2 * r), 0.025 * (shear / 2 * c + (1 - stretch / 2) * r), 0] for r in range(6) for c in range(9)]
+                printed = "type: points, points: %s," % json.dumps(points)
+                samples = self.simulate(POSED.replace("type: chessboard, rows: 6, columns: 9, square: 0.025,", printed), CAMERA_TRUTH, samples=30, seed=3, out="sim%g_%g" % (stretch, shear))
+                self.write("open.yaml", CAMERA)
+                result, text = self.calibrate(samples, rig="open.yaml")
+                self.assertEqual(result["verdict"]["use"], "good", text)
+                tried = {t["group"]: t["outcome"] for t in result["tried"]}
+                self.assertEqual([g for g, outcome in tried.items() if outcome == "kept"], ["prints"] if stretch or shear else [], text)
+                if stretch or shear:
+                    found = result["parameters"]["target/board/print"]
+                    for value, sigma, true in zip(found["value"], found["sigma"], (stretch, shear)):
+                        self.assertLess(abs(value - true), 4 * sigma)
+                        self.assertLess(sigma, 4e-4)
+                    with open(self.path("out", "rig.yaml"), encoding="utf-8") as file:
+                        self.assertIn("print: [%r" % found["value"][0], file.read())
+                    again, _ = self.calibrate(samples, rig="out/rig.yaml")     # a rig that has it
+                    self.assertAlmostEqual(again["parameters"]["target/board/print"]["value"][0], found["value"][0], delta=0.2 * found["sigma"][0])
+
     def test_a_prior_that_the_data_contradict_is_named(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
         for width, expected in ((0.0003, 1), (0.005, 0)):

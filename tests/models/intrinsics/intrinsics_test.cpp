@@ -6,8 +6,8 @@
 // point appears is what the scatter over repeated recordings shows, near and far; one view and
 // parallel views are told; cameras on different bodies, and boards that the rig mounts, are taken
 // as they have to be; a bent board is found bent, with sigmas, a flat one is left flat, and the
-// derivatives by a warp are those of differences; pictures turned by 180 degrees and those of
-// another lens are named, and where there are none nothing is. Does not prove: detection, real
+// derivatives by a board's shape are those of differences; pictures turned by 180 degrees and those
+// of another lens are named, and where there are none nothing is. Does not prove: detection, real
 // lenses (images/calibrate_camera_test.cpp).
 #include "../../../models/intrinsics/intrinsics.h"
 
@@ -391,16 +391,21 @@ TEST_CASE("intrinsics: a bent board is found bent, a flat one is left flat", "[i
   CHECK(!result.groups[0].warp->kept);
 }
 
-TEST_CASE("intrinsics: derivatives by a warp are those of differences", "[intrinsics]") {
+TEST_CASE("intrinsics: derivatives by a board's shape are those of differences", "[intrinsics]") {
+  // Spacing, warp and print, all away from their nominal values.
   Rig rig = cameras_on_hand({Pose()}, Lens::brown_conrady, kBarrel);
   Target& board = rig.targets[0];
   board.bulge = warp_shapes(board.layout);
   CHECK(board.bulge.maxCoeff() <= 1);
   CHECK(board.bulge.col(0).norm() == 0);  // a corner stays
+  board.print.emplace(0, 0);
   const std::vector<int> ids = {0, 3, 17, 34, 69};
   const ParameterTable table(rig);
   const std::vector<double> z(3 * ids.size(), 0.0);
   const std::shared_ptr<const SensorModel> chain = make_chain();
+  VectorXd shape(5);
+  shape << board.square, 0.002, 0.001, 0.02, -0.03;
+  const VectorXd steps = (VectorXd(5) << 1e-7, 1e-6, 1e-6, 1e-6, 1e-6).finished();
   for (const SensorModel* model : {rig.sensors[0].model.get(), chain->point_form()}) {
     ViewInput in;
     in.sensor_T_target = at({-0.1, -0.05, 0.6}, {0.3, -0.4, 0.2});
@@ -410,15 +415,23 @@ TEST_CASE("intrinsics: derivatives by a warp are those of differences", "[intrin
     in.count = static_cast<int>(ids.size());
     in.z = z.data();
     Columns columns;
-    columns.warp = 6;
-    columns.total = 8;
-    const auto residuals = [&](const Eigen::Vector2d& warp, RowMatrix* rows) {
-      board.warp = warp;
-      const Matrix3Xd points = target_points(board);
+    columns.square = 6;
+    columns.warp = 7;
+    columns.print = 9;
+    columns.total = 11;
+    const auto residuals = [&](const VectorXd& by, RowMatrix* rows) {
+      board.square = by(0);
+      board.warp = by.segment<2>(1);
+      board.print = by.tail<2>();
+      const Matrix3Xd points = target_points(board), plain = board.square * board.layout;
+      Matrix3Xd layout = board.layout;
+      layout.topRows<2>() = print_map(*board.print) * board.layout.topRows<2>();
       in.points = &points;
+      in.plain = &plain;
+      in.layout = &layout;
       VectorXd r(model->rows() * in.count);
+      if (rows) *rows = RowMatrix::Zero(r.size(), 11);
       if (rows) {
-        *rows = RowMatrix::Zero(r.size(), 8);
         Eigen::Ref<RowMatrix> l(*rows);
         REQUIRE(model->evaluate(in, columns, r.data(), &l));
       } else {
@@ -427,15 +440,36 @@ TEST_CASE("intrinsics: derivatives by a warp are those of differences", "[intrin
       return r;
     };
     RowMatrix rows;
-    const Eigen::Vector2d at_warp(0.002, 0.001);
-    residuals(at_warp, &rows);
-    for (int k = 0; k < 2; ++k) {
-      const Eigen::Vector2d step = 1e-6 * Eigen::Vector2d::Unit(k);
+    residuals(shape, &rows);
+    for (int k = 0; k < 5; ++k) {
+      VectorXd above = shape, below = shape;
+      above(k) += steps(k);
+      below(k) -= steps(k);
       const VectorXd difference =
-          (residuals(at_warp + step, nullptr) - residuals(at_warp - step, nullptr)) / 2e-6;
+          (residuals(above, nullptr) - residuals(below, nullptr)) / (2 * steps(k));
+      INFO("component " << k);
       CHECK((difference - rows.col(6 + k)).norm() < 1e-6 * (1 + difference.norm()));
     }
   }
+}
+
+TEST_CASE("intrinsics: a print's stretch and shear are those of lengths and of the angle") {
+  Rig rig = cameras_on_hand({Pose()}, Lens::brown_conrady, kBarrel);
+  Target& board = rig.targets[0];
+  const auto length = [&](const Matrix3Xd& points, int axis) {  // of the board's diagonal part
+    return points.row(axis).maxCoeff() - points.row(axis).minCoeff();
+  };
+  const Matrix3Xd to_scale = target_points(board);
+  board.print.emplace(0.01, 0);
+  CHECK(length(target_points(board), 0) == Approx(1.005 * length(to_scale, 0)));
+  CHECK(length(target_points(board), 1) == Approx(0.995 * length(to_scale, 1)));
+  board.print.emplace(0, 0.01);
+  const Eigen::Matrix2d sheared = print_map(*board.print);
+  CHECK(std::acos(sheared.col(0).dot(sheared.col(1)) / sheared.col(0).norm() /
+                  sheared.col(1).norm()) == Approx(kPi / 2 - 0.01).epsilon(1e-5));
+  const ParameterTable table(rig);
+  REQUIRE(table.target_print[0] >= 0);
+  CHECK((target_points(rig, table, table.initial, 0) - target_points(board)).norm() == 0);
 }
 
 TEST_CASE("intrinsics: views of another lens, and turned pictures, are named", "[intrinsics]") {

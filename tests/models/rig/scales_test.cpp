@@ -54,7 +54,7 @@ TEST_CASE("scales: every component has them, positive and in order") {
       CHECK(std::isfinite(s.usual));
       if (table.all[p].kind != K::distortion) CHECK((s.width <= s.usual || s.width == kInfinity));
     }
-  CHECK(kinds.size() == 11);  // all but own_number and warp, which this robot does not have
+  CHECK(kinds.size() == 11);  // all but own_number, warp and print, which this robot does not have
 }
 
 TEST_CASE("scales: every kind has a row for every unit that it may have") {
@@ -73,6 +73,7 @@ TEST_CASE("scales: every kind has a row for every unit that it may have") {
                                              {K::target_pose, {"m", "rad"}},
                                              {K::square, {"m"}},
                                              {K::warp, {"m"}},
+                                             {K::print, {""}},
                                              {K::points, {"m"}}})
     for (const std::string& unit : units) {
       INFO(static_cast<int>(kind) << " " << unit);
