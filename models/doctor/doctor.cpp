@@ -238,14 +238,17 @@ std::optional<Changed> changed_between(const State& as_given, const State& state
   return out;
 }
 
-/// Says of mistakes that leave what no noise explains that they are not all of it.
+/// Says of mistakes that leave what no noise explains that they are not all of it. (`now` has the
+/// sigmas as they are stated.)
 void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
   if (!now.complete() || !(now.per_dof() > Thresholds::no_noise)) return;
   for (Notice& f : findings)
-    f.cure += text(
-        ". This does not explain everything: the remaining chi2/dof %.3g is not noise. Look for a "
-        "further mistake or a different one",
-        now.per_dof());
+    if (f.kind != NoticeKind::wrong_sigma)
+      f.cure += text(
+          ". This does not explain everything: the remaining chi2/dof %.3g is not noise. Look for "
+          "a "
+          "further mistake or a different one",
+          now.per_dof());
 }
 
 // ------------------------------------------------------------------------------------------------

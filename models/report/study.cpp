@@ -209,21 +209,39 @@ void take(AutomaticCalibration found, Report& report) {
   report.rigid = corrects && !report.stages.empty() ? report.stages.front().solution : nullptr;
 }
 
+/// The samples of the solution, noise that nobody states as it was guessed, with the rig as given.
+Recording as_guessed(const Report& report, const Rig& given) {
+  std::vector<NoiseLevel> levels = report.noise_levels;
+  for (NoiseLevel& level : levels) level.seen = level.guess > 0 ? level.guess : kNan;
+  return scale_noise(*report.solution.recording, levels).with_rig(given);
+}
+
 /// On the automatic path, where the residuals are not of the stated size and no mistake explains
-/// that: everything again with noise of the size that they have. Larger residuals: levels of joints
-/// and sensors together (else the sensors take up what all corners of a view share). Smaller ones:
-/// all stated sigmas by the same factor, which leaves the estimates where they are. (Levels of
-/// their own would take model errors for noise of this or that joint, and let go of its readings.)
-void find_noise(const StudyOptions& options, const CalibrationOptions& calibration,
-                Report& report) {
+/// that (far from it: where the stated noise does): everything again with noise of the size that
+/// they have. Larger residuals: levels of joints and sensors together (else the sensors take up
+/// what all corners of a view share). Smaller ones: all stated sigmas by the same factor, which
+/// leaves the estimates where they are. (Levels of their own would take model errors for noise of
+/// this or that joint, and let go of its readings.)
+void find_noise(const Rig& given, const StudyOptions& options,
+                const CalibrationOptions& calibration, Report& report) {
   const double ratio = report.solution.chi2_per_dof();
   if (!report.solution.usable() || is_of_stated_size(ratio, report.solution.dof_data) ||
-      ratio > kMistaken || options.estimate_noise || !can_estimate_noise(calibration))
+      options.estimate_noise || !can_estimate_noise(calibration))
     return;
-  if (options.diagnose && ratio > 1) {  // (no mistake makes residuals smaller)
-    add_diagnosis(report.solution.recording->training_only(), options, report);
-    if (finds_a_mistake(*report.diagnosis)) return;
-    report.diagnosis.reset();
+  const bool far = ratio > kMistaken;
+  if (far && counts_from_identity(report.solution)) return;  // (that is why, see study())
+  if (options.diagnose && ratio > 1) {                       // (no mistake makes residuals smaller)
+    // (What the automatic path frees may take a large mistake up.)
+    add_diagnosis(far ? as_guessed(report, given) : report.solution.recording->training_only(),
+                  options, report);
+    const Notices& found = report.diagnosis->findings;
+    if (finds_a_mistake(*report.diagnosis) ||
+        (far && std::none_of(found.begin(), found.end(),
+                             [](const Notice& f) { return f.kind == NoticeKind::wrong_sigma; })))
+      return;
+    if (!far) report.diagnosis.reset();
+  } else if (far) {
+    return;
   }
   std::vector<NoiseLevel> levels = noise_levels(linearise(report.solution));
   AutomaticOptions automatic = automatic_options(options);
@@ -292,8 +310,10 @@ bool estimates_noise(const Rig& rig, const StudyOptions& options) {
 }
 
 /// Parts 1 to 4 up to the solution. The recording returned has the samples as given.
+/// `rig` is as the user gave it.
 std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& given,
-                                       const StudyOptions& options, Report& report) {
+                                       const Rig& rig, const StudyOptions& options,
+                                       Report& report) {
   CalibrationOptions calibration = options.calibration;
   const bool automatic = given->rig.steps.empty();
   const std::shared_ptr<const Recording> recording = with_steps(given, options, calibration);
@@ -312,7 +332,7 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     take(uncancelled(calibrate_automatically(*left, automatic_options(options))), report);
     solved = true;
     if (cannot_start(report.solution)) return recording;
-    find_noise(options, calibration, report);
+    find_noise(rig, options, calibration, report);
     say_groups_without_effect(options.groups, report);
     say_no_further(options.groups, report);
     left = report.solution.recording;
@@ -345,13 +365,6 @@ std::shared_ptr<const Recording> recording_to_fold(const Recording& given, const
     if (level.guess > 0) level.assumed = level.guess;
   }
   return make_recording(scale_noise(given, levels).with_rig(report.solution.rig()));
-}
-
-/// The samples of the solution, noise that nobody states as it was guessed, with the rig as given.
-Recording as_guessed(const Report& report, const Rig& given) {
-  std::vector<NoiseLevel> levels = report.noise_levels;
-  for (NoiseLevel& level : levels) level.seen = level.guess > 0 ? level.guess : kNan;
-  return scale_noise(*report.solution.recording, levels).with_rig(given);
 }
 
 /// The held-out errors of each stage. `sums` has those of the final calibration. `fold`:
@@ -505,7 +518,7 @@ std::optional<Report> study(const std::shared_ptr<const Recording>& recording,
       solve(recording->rig.steps.empty()
                 ? make_recording(recording->with_rig(with_pair_poses(centred(recording->rig))))
                 : recording,
-            options, report);
+            recording->rig, options, report);
   const Solution& solution = report.solution;
   const bool undefined = solution.status == Status::undefined_start;
   if (!undefined) analyse(recording->rig, *given, options, report);

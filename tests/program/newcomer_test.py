@@ -811,6 +811,22 @@ class Words(Case):
                     again, _ = self.calibrate(samples, rig="out/rig.yaml")     # a rig that has it
                     self.assertAlmostEqual(again["parameters"]["target/board/print"]["value"][0], found["value"][0], delta=0.2 * found["sigma"][0])
 
+    def test_a_sigma_stated_ten_times_too_small_is_named_and_errors_hold(self):
+        """chi2/dof near 100: the finding alone would leave predicted errors a tenth of the actual ones."""
+        for part, true, rig in (("a sensor", POSED.replace("sigma: 0.2}", "sigma: 2}"), CAMERA), ("joints", POSED.replace("sigma: 0.0002}", "sigma: 0.002}"), CAMERA)):
+            with self.subTest(part=part):
+                samples = self.simulate(true, CAMERA_TRUTH, samples=30, seed=4, out=part.replace(" ", "_"))
+                self.write("open.yaml", rig)
+                result, text = self.calibrate(samples, rig="open.yaml")
+                if part == "a sensor":      # (joints: chi2/dof is below 25, where noise is estimated without a finding)
+                    self.assertEqual([f["id"] for f in result["findings"]], ["sigma"], text)
+                self.assertEqual(result["verdict"]["use"], "doubts")
+                self.assertNotIn("does not explain everything", text)
+                self.assertLess(result["chi2_data"] / result["dof_data"], 1.3)
+                for name in ("joint/j2/offset", "joint/j3/offset"):
+                    estimate = result["parameters"][name]
+                    self.assertLess(abs(estimate["value"][0] - CAMERA_TRUTH[name]), 3.5 * estimate["sigma"][0], name)
+
     def test_a_prior_that_the_data_contradict_is_named(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
         for width, expected in ((0.0003, 1), (0.005, 0)):
