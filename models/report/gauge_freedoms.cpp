@@ -29,8 +29,8 @@ std::set<std::string> undecided(const Report& report) {
 }
 
 /// The unknowns, their second moments, and which of them are choices: columns of numbers of joints
-/// that nothing but a prior decides, and that move what is seen, in any posture, as the other
-/// unknowns do.
+/// that move what is seen, in any posture, as the other unknowns do; those that nothing but a prior
+/// decides first.
 struct Choices {
   const std::vector<Component>& columns;
   const MatrixXd& moments;
@@ -51,11 +51,11 @@ std::vector<Eigen::Index> choices_among(const Solution& solution,
   const auto rank = [&](Eigen::Index i) {  // 0: no number of a joint that could be a choice
     const Component& c = columns[static_cast<size_t>(i)];
     const ParameterKind kind = table.all[c.parameter].kind;
-    if (!undecided.count(table.name(c))) return 0;
-    if (kind == ParameterKind::joint_origin &&
-        !solution.rig().tree.joints[table.all[c.parameter].owner].moves())
+    const bool origin = kind == ParameterKind::joint_origin;
+    if (!(origin || kind == ParameterKind::joint_offset) ||
+        (origin && !solution.rig().tree.joints[table.all[c.parameter].owner].moves()))
       return 0;
-    return kind == ParameterKind::joint_origin ? 1 : kind == ParameterKind::joint_offset ? 2 : 0;
+    return !undecided.count(table.name(c)) ? 1 : origin ? 2 : 3;
   };
   std::vector<Eigen::Index> order(columns.size()), out;
   std::iota(order.begin(), order.end(), 0);
@@ -76,7 +76,7 @@ double open_variance(const ParameterTable& table, const Component& c) {
   return std::pow(pose_scales(table.all[c.parameter].units[c.index]).yardstick, 2);
 }
 
-/// The choices on which loose poses hang, each pose on the one that it hangs on most.
+/// The choices on which loose poses depend, of those at the base and of others.
 std::vector<ZeroGauge> zero_gauges(const Solution& solution, const Choices& now) {
   constexpr double kMatters = 0.1;  // share of a pose's variance
   const ParameterTable& table = solution.table();
@@ -87,28 +87,40 @@ std::vector<ZeroGauge> zero_gauges(const Solution& solution, const Choices& now)
   gauges[1].at_base = false;
   const auto component = [&](Eigen::Index i) { return now.columns[static_cast<size_t>(i)]; };
   const auto joint_of = [&](Eigen::Index f) { return table.all[component(f).parameter].owner; };
-  std::vector<std::pair<double, Eigen::Index>> shares;  // the largest of each choice
-  for (const Eigen::Index f : now.numbers) shares.push_back({0, f});
+  const auto sits_at_base = [&](Eigen::Index p) {  // what has this pose
+    const Parameter& pose = table.all[component(p).parameter];
+    const int link =
+        pose.kind == ParameterKind::sensor_pose   ? solution.rig().sensors[pose.owner].link
+        : pose.kind == ParameterKind::target_pose ? solution.rig().targets[pose.owner].link
+                                                  : tree.joints[pose.owner].parent;
+    return body_of(tree, link) == base;
+  };
+  struct Share {
+    double largest;
+    Eigen::Index choice;
+    bool at_base;  // of the pose that has the largest
+  };
+  std::vector<Share> shares;
+  for (const Eigen::Index f : now.numbers) shares.push_back({0, f, true});
   for (Eigen::Index p = 0; p < all.rows(); ++p) {
     if (!table.all[component(p).parameter].pose ||
         std::count(now.numbers.begin(), now.numbers.end(), p) ||
         !(all(p, p) > open_variance(table, component(p))))
       continue;
-    std::pair<double, Eigen::Index> most{kMatters, -1};
-    for (auto& [largest, f] : shares) {
+    const bool at_base = sits_at_base(p);
+    bool hangs = false;
+    for (Share& one : shares) {
+      const Eigen::Index f = one.choice;
       const double share = all(f, f) > 0 ? all(p, f) * all(p, f) / (all(p, p) * all(f, f)) : 0;
-      largest = std::max(largest, share);
-      if (share > most.first) most = {share, f};
+      if (share > one.largest) one = {share, f, at_base};
+      hangs = hangs || share > kMatters;
     }
-    if (most.second < 0) continue;
-    const bool at_base = body_of(tree, tree.joints[joint_of(most.second)].parent) == base;
-    gauges[!at_base].sigma[component(p)] = std::sqrt(std::max(0.0, now.left(p, p)));
+    if (hangs) gauges[!at_base].sigma[component(p)] = std::sqrt(std::max(0.0, now.left(p, p)));
   }
   std::stable_sort(shares.begin(), shares.end(),
-                   [](const auto& a, const auto& b) { return a.first > b.first; });
-  for (const auto& [share, f] : shares) {
+                   [](const Share& a, const Share& b) { return a.largest > b.largest; });
+  for (const auto& [share, f, at_base] : shares) {
     if (!(share > kMatters)) break;
-    const bool at_base = body_of(tree, tree.joints[joint_of(f)].parent) == base;
     ZeroGauge& gauge = gauges[!at_base];
     if (gauge.numbers.empty()) {
       gauge.joint = tree.joints[joint_of(f)].name;

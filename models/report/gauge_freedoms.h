@@ -9,11 +9,12 @@
 // end it matters for what else sits there (a tool), and is said. Neither is mended by more samples,
 // unlike the same sigma of anything else.
 //
-// A choice is a number of a joint that nothing but a prior decides and that moves what is seen
-// against what sees it as the other unknowns do, whatever the posture: with J the motions by all
-// unknowns in postures drawn within the joints' limits (analysis/gauges.h), one of which Cholesky's
-// elimination of J'J leaves next to nothing, poses and all that is decided going first. (A joint
-// that hardly moved is no choice: it would be told.) How well poses are known otherwise is their
+// A choice is a number of a joint that moves what is seen against what sees it as the other
+// unknowns do, whatever the posture: with J the motions by all unknowns in postures drawn within
+// the joints' limits (analysis/gauges.h), one of which Cholesky's elimination of J'J leaves next to
+// nothing, poses going first and what nothing but a prior decides last. (Two numbers that are one
+// with the base frame share what is not determined: one may seem decided. A joint that hardly moved
+// is no choice: it would be told.) How well poses are known otherwise is their
 // covariance given the choices.
 #pragma once
 

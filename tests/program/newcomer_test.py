@@ -354,6 +354,17 @@ class Words(Case):
         result, text = self.calibrate(samples)
         self.assertEqual(self.warnings(result, "base_frame"), [], text)
 
+    def test_the_base_frame_is_no_doubt_where_axes_are_tilted(self):
+        """One axis tilted by 14 mrad makes all angles wide: those of joint 2 that turn as the base frame does are its choice, too (they seemed decided)."""
+        rig = "".join(line + "\n" for line in TRACKER.splitlines() if not line.startswith(("  r1", "  r2")))
+        truth = {name: value for name, value in TRACKER_TRUTH.items() if "/r1/" not in name and "/r2/" not in name}
+        truth.update({"sensor/tracker/pose": [4.0, 0.5, 0.3, 0.1, 0.2, 2.0], "joint/j2/origin": [0, 0, 0, 0.01, 0, 0.01]})
+        result, text = self.calibrate(self.simulate(rig, truth, samples=40, seed=1))
+        self.assertEqual(result["verdict"]["use"], "good", text)
+        self.assertEqual(self.warnings(result, "sigma"), [], text)
+        self.assertNotIn("more varied postures", text)
+        self.assertIn("joint/j1/o", self.warnings(result, "base_frame")[0])
+
     def test_what_was_asked_for_and_is_held_is_said(self):
         true = CAMERA
         for old, new in CAMERA_POSES:
