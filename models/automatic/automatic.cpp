@@ -184,14 +184,15 @@ void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated
 }
 
 /// Tries groups together, each on top of those with more evidence; calibrates with those that help,
-/// again without those that lose their evidence. `with` adds the models of groups, which the data
-/// chose from many if `log_candidates` is not 0.
+/// again without those that lose their evidence. `with` adds the models of groups; `chosen` is the
+/// ripple that was found, if it is one.
 void add_together(const std::vector<std::string>& names,
                   const std::function<Model(const std::vector<std::string>&)>& with, Model& model,
-                  Calibrated& best, FurtherRecord& record, double log_candidates = 0) {
+                  Calibrated& best, FurtherRecord& record, const FoundRipple& chosen = {}) {
   if (names.empty()) return;
   FurtherModel further = further_model(with(names), best.fit);
-  further.log_candidates = log_candidates;
+  further.log_candidates = chosen.log_candidates;
+  further.left = chosen.left;
   FurtherTrial trial = try_model(best.fit, further, *best.found.solution.recording);
   record.add(trial.tried);
   while (!trial.groups.empty()) {
@@ -280,7 +281,7 @@ void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
       return out;
     };
     add_together({kRippleOf + model.recording->rig.tree.joints[found->joint].name}, with, model,
-                 best, record, found->log_candidates);
+                 best, record, *found);
   }
 }
 

@@ -291,7 +291,9 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   FurtherTrial out;
   const FitWithGroups with = moved(fit, model);
   const DataProblem data = data_problem(*with.recording, with.setup, with.values, with.groups);
-  const WidthProblem at = width_problem(*with.recording, data, with.groups).problem;
+  WidthProblem at = width_problem(*with.recording, data, with.groups).problem;
+  at.normal /= model.left;
+  at.gradient /= model.left;
   const auto gears = static_cast<int>(fit.groups.groups.size()), first = gears + 1;
   VectorXd factor = with.factor;
   if (!with.groups.groups[gears].members.empty())
@@ -322,6 +324,10 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   try {
     const Folds folds = deal_folds(folded.rig, folded.samples, kFolds);
     parts = normal_parts(data, folds.of, folds.count);
+    for (NormalPart& part : parts) {
+      part.normal /= model.left;
+      part.gradient /= model.left;
+    }
   } catch (const std::invalid_argument&) {  // fewer blocks than folds
     return out;
   }

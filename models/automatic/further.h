@@ -52,6 +52,7 @@ struct FurtherModel {
   std::shared_ptr<const Recording> recording;
   std::vector<WidthGroup> groups;
   double log_candidates = 0;  // ln of how many it was chosen from: gains are less by that
+  double left = 1;            // variance of the noise with it, over that of the fit
 };
 /// Returns the recording with error curves of these joints.
 std::shared_ptr<const Recording> with_curves(const Recording& recording,

@@ -16,22 +16,32 @@ constexpr int kFewestCycles = 3;        // in a turn; fewer are those of error c
 constexpr int kMostCycles = 400;        // in a turn; of real arms the largest found was 335
 constexpr int kDraws = 20;              // the largest of so many is about the 95 % point
 constexpr double kAboveChance = 1.5;    // times that: see the header
-constexpr size_t kLeastPostures = 100;  // 36 gave false ones
+constexpr size_t kLeastPostures = 100;  // of a joint; 36 gave false ones
 
-/// By draw: the gain in chi2 of a ripple of a joint; `sign` has a column for each draw.
-VectorXd gains(const JointErrors& errors, int cycles, const MatrixXd& sign) {
+/// By draw: the gain in chi2 of a ripple of a joint over what it leaves, a sample; `sign` has a
+/// column for each draw. `left` is that of the first.
+VectorXd gains(const JointErrors& errors, int cycles, const MatrixXd& sign, double& left) {
   const auto count = static_cast<Eigen::Index>(errors.reading.size());
   MatrixXd weighted(3, count);
   Matrix3d m = Matrix3d::Zero();
+  double all = 0;
+  size_t seen = 0;
   for (Eigen::Index s = 0; s < count; ++s) {
     const double angle = cycles * errors.reading[s];
     const Vector3d f(1, std::cos(angle), std::sin(angle));
     m += errors.curvature[s] * f * f.transpose();
     weighted.col(s) = errors.slope[s] * f;
+    if (!(errors.curvature[s] > 0)) continue;
+    all += errors.slope[s] * errors.slope[s] / errors.curvature[s];
+    ++seen;
   }
-  if (!(m(0, 0) > 0)) return VectorXd::Zero(sign.cols());
+  if (seen < kLeastPostures) return VectorXd::Zero(sign.cols());
   const MatrixXd g = weighted * sign, solved = solve_symmetric(m, g);
-  return (g.cwiseProduct(solved).colwise().sum() - g.row(0).cwiseAbs2() / m(0, 0)).transpose();
+  const Eigen::ArrayXd with = g.cwiseProduct(solved).colwise().sum().transpose(),
+                       offset = g.row(0).cwiseAbs2().transpose() / m(0, 0);
+  const Eigen::ArrayXd rest = (all - with) / static_cast<double>(seen);
+  left = rest(0);
+  return (with - offset) / rest;
 }
 
 }  // namespace
@@ -85,8 +95,9 @@ std::optional<FoundRipple> find_ripple(const std::vector<JointErrors>& errors) {
   FoundRipple best;
   for (const JointErrors& one : errors)
     for (int cycles = kFewestCycles; cycles <= kMostCycles; ++cycles) {
-      const VectorXd gain = gains(one, cycles, sign);
-      if (gain(0) > most(0)) best = {one.joint, cycles, 0};
+      double left = 1;
+      const VectorXd gain = gains(one, cycles, sign, left);
+      if (gain(0) > most(0)) best = {one.joint, cycles, 0, left};
       most = most.cwiseMax(gain);
     }
   if (!(most(0) > kAboveChance * most.tail(kDraws).maxCoeff())) return {};

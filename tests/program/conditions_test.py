@@ -160,6 +160,14 @@ class Conditions(Folder):
         for value, sigma, truth in zip(found["value"], found["sigma"], TERMS["ripple"]["c"]):
             self.assertLess(abs(value - truth), 4 * sigma)
 
+    def test_ripple_taken_for_noise(self):
+        """Less than twice the noise of a reading. Before it is found, the noise of the joints contains it."""
+        self.write("true.yaml", with_terms({"ripple": {"c": [4e-5, -4e-5, 0, 0]}}))
+        self.kincal("simulate", "true.yaml", "--samples", "160", "--seed", "7", "--out", "made", "--quiet")
+        self.write("rig.yaml", rig())
+        self.kincal("calibrate", "rig.yaml", self.path("made", "samples.jsonl"), "--out", "found", "--no-report")
+        self.assertIn("ripple/c", [g["group"] for g in self.result("found")["automatic"] if not g.get("held")])
+
     def test_no_terms(self):
         self.write("true.yaml", with_terms({"temperature": dict.fromkeys(JOINTS, 0)}))
         self.kincal("simulate", "true.yaml", "--samples", "120", "--seed", "6", "--out", "made", "--quiet")
