@@ -14,7 +14,7 @@ import unittest
 from helpers import Folder, revolute
 
 SOURCE_DIR = KINCAL = None
-RIGID = ["--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", "--no-group", "coupling/*"]
+RIGID = ["--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", "--no-group", "ripple/*", "--no-group", "coupling/*"]
 RIG = """format: kincal/1
 robot: robot.urdf
 base: base
@@ -70,12 +70,14 @@ class Bending(Folder):
         evaluated = json.loads(self.kincal("evaluate", self.path("with", "rig.yaml"), "samples.jsonl", "--json"))
         self.assertAlmostEqual(evaluated["sensors"]["tracker"]["test"]["rms_as_read"], self.held_out(elastic), delta=1e-2 * self.held_out(elastic))
         self.assertIn("elasticity:", self.read("with", "rig.yaml"))
-        # robot.urdf, for software in which joints cannot bend, is the rigid calibration's.
-        self.assertEqual(self.read("with", "robot.urdf"), self.read("without", "robot.urdf"))
+        # robot.urdf, for software in which joints cannot bend, is the best rigid robot. (A rigid calibration of its own has other noise: its
+        # residuals show more than is stated.)
         self.assertNotIn("elasticity:", self.read("with", "rig_rigid.yaml"))
-        self.assertAlmostEqual(elastic["sensors"]["tracker"]["test"]["rms_uncorrected"], self.held_out(rigid), delta=1e-3 * self.held_out(rigid))
+        uncorrected = elastic["sensors"]["tracker"]["test"]["rms_uncorrected"]
+        self.assertLess(uncorrected, 1.1 * self.held_out(rigid))
         alone = json.loads(self.kincal("evaluate", self.path("with", "rig_rigid.yaml"), "samples.jsonl", "--json"))
-        self.assertAlmostEqual(alone["sensors"]["tracker"]["test"]["rms_as_read"], self.held_out(rigid), delta=1e-2 * self.held_out(rigid))
+        self.assertAlmostEqual(alone["sensors"]["tracker"]["test"]["rms_as_read"], uncorrected, delta=1e-6 * uncorrected)
+        self.assertEqual([f["id"] for f in rigid["findings"]], ["sigma"])
         warning, = (w for w in elastic["warnings"] if w["id"] == "joint_model")
         self.assertIn("robot.urdf alone", warning["what"])
         self.assertIn("target/ball sags by", warning["why"])
