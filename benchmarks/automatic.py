@@ -870,6 +870,20 @@ def tell(outcomes, proof):
         print("seed %d: robot.urdf differs from result.json by %g" % (o["seed"], o["differs"]))
 
 
+def measured(measure, tasks, options):
+    """The outcomes of all tasks, `options.jobs` at once; written to the file `options.json`, if there is one."""
+    outcomes = []
+    with multiprocessing.Pool(options.jobs) as pool:
+        for outcome in pool.imap(measure, tasks):
+            outcomes.append(outcome)
+            if sys.stderr.isatty():
+                print("\r%d of %d" % (len(outcomes), len(tasks)), end="", file=sys.stderr)
+    if options.json:
+        with open(options.json, "w") as f:
+            json.dump(outcomes, f, indent=1)
+    return outcomes
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=300)
@@ -888,15 +902,7 @@ def main():
         if options.kind in (None, KINDS[seed % len(KINDS)]):
             tasks.append((seed, KINDS[seed % len(KINDS)], options))
         seed += 1
-    outcomes = []
-    with multiprocessing.Pool(options.jobs) as pool:
-        for outcome in pool.imap(measure, tasks):
-            outcomes.append(outcome)
-            if sys.stderr.isatty():
-                print("\r%d of %d" % (len(outcomes), len(tasks)), end="", file=sys.stderr)
-    if options.json:
-        with open(options.json, "w") as f:
-            json.dump(outcomes, f, indent=1)
+    outcomes = measured(measure, tasks, options)
     if not options.exact:
         return tell(outcomes, options.mounts_only or options.known)
     for o in outcomes:

@@ -24,11 +24,9 @@ import argparse
 import csv
 import json
 import math
-import multiprocessing
 import os
 import re
 import shutil
-import sys
 import tempfile
 import xml.etree.ElementTree as xml
 
@@ -337,16 +335,7 @@ def main():
     parser.add_argument("--json", metavar="FILE", help="write everything that was measured")
     options = parser.parse_args()
     tasks = [(r, k, options.seed + s, options) for k in options.kind or PLANTED for r in options.robot or ROBOTS for s in range(options.seeds)]
-    outcomes = []
-    with multiprocessing.Pool(options.jobs) as pool:
-        for outcome in pool.imap(measure, tasks):
-            outcomes.append(outcome)
-            if sys.stderr.isatty():
-                print("\r%d of %d" % (len(outcomes), len(tasks)), end="", file=sys.stderr)
-    if options.json:
-        with open(options.json, "w") as f:
-            json.dump(outcomes, f, indent=1)
-    tell(outcomes)
+    tell(base.measured(measure, tasks, options))
 
 
 if __name__ == "__main__":

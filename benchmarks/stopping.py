@@ -17,12 +17,10 @@ is moved in what the steps hold: the model cannot explain it (lines with `unexpl
 """
 import argparse
 import json
-import multiprocessing
 import os
 import re
 import shlex
 import shutil
-import sys
 import tempfile
 import types
 
@@ -223,16 +221,7 @@ def main():
     parser.add_argument("--json", metavar="FILE", help="write everything that was measured")
     options = parser.parse_args()
     tasks = [(kind, options.seed + number, number % 10 == 5, options) for kind, number in mixture(options.sets) if options.kind in (None, kind)]
-    outcomes = []
-    with multiprocessing.Pool(options.jobs) as pool:
-        for outcome in pool.imap(measure, tasks):
-            outcomes.append(outcome)
-            if sys.stderr.isatty():
-                print("\r%d of %d" % (len(outcomes), len(tasks)), end="", file=sys.stderr)
-    if options.json:
-        with open(options.json, "w") as f:
-            json.dump(outcomes, f, indent=1)
-    tell(outcomes, options)
+    tell(automatic.measured(measure, tasks, options), options)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,9 @@ std::set<std::string> undecided(const Report& report) {
   return out;
 }
 
-/// The unknowns, their second moments, and which of them are choices: columns of numbers of joints
-/// that move what is seen, in any posture, as the other unknowns do; those that nothing but a prior
-/// decides first.
+/// The unknowns, their second moments, and which of them are choices: columns of components of
+/// joints that move targets before sensors as the other unknowns do, in every posture. Components
+/// that only a prior determines come first.
 struct Choices {
   const std::vector<Component>& columns;
   const MatrixXd& moments;
@@ -48,7 +48,7 @@ std::vector<Eigen::Index> choices_among(const Solution& solution,
                                         const std::set<std::string>& undecided) {
   constexpr double kNegligible = 5e-3;  // of a column's length, as in rig/geometry.h
   const ParameterTable& table = solution.table();
-  const auto rank = [&](Eigen::Index i) {  // 0: no number of a joint that could be a choice
+  const auto rank = [&](Eigen::Index i) {  // 0: no component of a joint that could be a choice
     const Component& c = columns[static_cast<size_t>(i)];
     const ParameterKind kind = table.all[c.parameter].kind;
     const bool origin = kind == ParameterKind::joint_origin;

@@ -9,13 +9,13 @@
 // end it matters for what else sits there (a tool), and is said. Neither is mended by more samples,
 // unlike the same sigma of anything else.
 //
-// A choice is a number of a joint that moves what is seen against what sees it as the other
-// unknowns do, whatever the posture: with J the motions by all unknowns in postures drawn within
-// the joints' limits (analysis/gauges.h), one of which Cholesky's elimination of J'J leaves next to
-// nothing, poses going first and what nothing but a prior decides last. (Two numbers that are one
-// with the base frame share what is not determined: one may seem decided. A joint that hardly moved
-// is no choice: it would be told.) How well poses are known otherwise is their
-// covariance given the choices.
+// A choice is a component of a joint that moves targets before sensors as the other unknowns do, in
+// every posture: with J the motions by all unknowns in postures drawn within the joints' limits
+// (analysis/gauges.h), Cholesky's elimination of J'J leaves next to nothing of its column. Poses
+// are eliminated first, components that only a prior determines last. (Two components equivalent to
+// a motion of the base frame share its uncertainty, so that one may seem determined. A joint that
+// hardly moved is no choice: the data would determine it.) How well poses are known otherwise is
+// their covariance given the choices.
 #pragma once
 
 #include <map>

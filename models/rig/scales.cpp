@@ -64,8 +64,10 @@ using K = ParameterKind;
 // time_offset: clocks of one computer are right to milliseconds; a picture is stamped when it
 //   arrives, exposure and transfer too late.
 // square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not
-// measured. range: depth cameras and lidars are sold as right to half a percent and some
-//   millimetres; used ones are off by more. own_number: nothing is known but the unit.
+// measured. print: printers stretch paper by some tenths of a percent; none of 1,000 boards to
+// scale
+//   recordings was given one. range: depth cameras and lidars are sold as right to half a percent
+//   and some millimetres; used ones are off by more. own_number: nothing is known but the unit.
 // clang-format off
 constexpr ScaleRow kScaleRows[] = {
     // kind, unit; width, usual; yardstick, loose, open; least, mistaken, reported, far
