@@ -19,8 +19,8 @@ constexpr double kCovered =
         // are beyond three predicted, none of points; of normal ones 0.27 %)
 const double kBeyond = 2 * normal_tail(kCovered);
 constexpr double kSmallestDirection = 1e-7;  // of the largest: the root of rounding, 1e-15, is 3e-8
-constexpr double kResolved = 1e-3;   // share that is prior, below which only the mean counts
-constexpr double kDetermined = 0.1;  // share of a number that the data tell, to keep it
+constexpr double kResolved = 1e-3;           // share that is prior; below it only the mean counts
+constexpr double kDetermined = 0.1;          // share that the data determine, to keep a component
 
 /// 1 / t_i^2; 0: no prior.
 VectorXd precision(const WidthProblem& p, const VectorXd& factor) {
