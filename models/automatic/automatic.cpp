@@ -212,25 +212,33 @@ void add_together(const std::vector<std::string>& names,
   }
 }
 
-/// Prints, backlash, time offsets and temperature. Each may hide another: one that was not kept is
-/// tried again beside those that were.
+constexpr std::pair<const char*, std::shared_ptr<const Recording> (*)(const Recording&)>
+    kConditions[] = {{kPrints, with_prints},
+                     {kWarps, with_warps},
+                     {kBacklash, with_backlash},
+                     {kTimeOffsets, with_time_offsets},
+                     {kTemperature, with_temperature}};
+
+/// The shapes of targets, backlash, time offsets and temperature. Each may hide another: one that
+/// was not kept is tried again beside those that were.
 void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
   const std::vector<std::string> possible = best.fit.groups.further;
   const auto with = [&](const std::vector<std::string>& groups) {
     Model out = model;
-    if (is_among(groups, kBacklash)) out.recording = with_backlash(*out.recording);
-    if (is_among(groups, kTimeOffsets)) out.recording = with_time_offsets(*out.recording);
-    if (is_among(groups, kTemperature)) out.recording = with_temperature(*out.recording);
-    if (is_among(groups, kPrints)) out.recording = with_prints(*out.recording);
+    for (const auto& [name, add] : kConditions)
+      if (is_among(groups, name)) out.recording = add(*out.recording);
+    if (is_among(groups, kMarkers)) out.options.begin.further.emplace_back(kMarkers);
     return out;
   };
-  model.options.progress.stage("prints, backlash, time offsets, temperature");
+  model.options.progress.stage("shapes of targets, backlash, time offsets, temperature");
   const std::vector<std::string>& kept = model.options.begin.further;
   for (size_t before = kept.size() + 1; before != kept.size();) {
     before = kept.size();
     std::vector<std::string> names;
-    for (const char* const name : {kPrints, kBacklash, kTimeOffsets, kTemperature})
-      if (is_among(possible, name) && !is_among(kept, name)) names.emplace_back(name);
+    for (const auto& condition : kConditions)
+      if (is_among(possible, condition.first) && !is_among(kept, condition.first))
+        names.emplace_back(condition.first);
+    if (is_among(possible, kMarkers) && !is_among(kept, kMarkers)) names.emplace_back(kMarkers);
     add_together(names, with, model, best, record);
   }
 }
@@ -334,7 +342,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     FurtherRecord record;
     do {
       add_conditions(model, best,
-                     record);  // (nothing else looks like a print, or what a sample states)
+                     record);  // (nothing else looks like a shape, or what a sample states)
       bend_joints({kCompliance, kComplianceAcross}, model, best, record);
       add_to_joints(kRippleOf, with_ripple, model, best, record);
       add_to_joints(kCurve, with_curves, model, best, record);

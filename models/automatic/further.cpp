@@ -8,6 +8,7 @@
 #include "../joints/joint_models.h"
 #include "../rig/elasticity.h"
 #include "../rig/folds.h"
+#include "../rig/targets.h"
 
 namespace kincal {
 namespace {
@@ -206,6 +207,13 @@ std::shared_ptr<const Recording> with_prints(const Recording& recording) {
   return make_recording(recording.with_rig(std::move(rig)));
 }
 
+std::shared_ptr<const Recording> with_warps(const Recording& recording) {
+  Rig rig = recording.rig;
+  for (Target& target : rig.targets)
+    if (target.grid && target.bulge.cols() == 0) target.bulge = warp_shapes(target.layout);
+  return make_recording(recording.with_rig(std::move(rig)));
+}
+
 std::shared_ptr<const Recording> with_ripple(const Recording& recording,
                                              const std::vector<int>& joints) {
   Rig rig = recording.rig;
@@ -249,7 +257,11 @@ Recording with_models_of(const Recording& recording, const Recording& other) {
   }
   for (size_t s = 0; s < rig.sensors.size(); ++s)
     rig.sensors[s].time_offset = other.rig.sensors[s].time_offset;
-  for (size_t t = 0; t < rig.targets.size(); ++t) rig.targets[t].print = other.rig.targets[t].print;
+  for (size_t t = 0; t < rig.targets.size(); ++t) {
+    rig.targets[t].print = other.rig.targets[t].print;
+    rig.targets[t].bulge = other.rig.targets[t].bulge;
+    rig.targets[t].warp = other.rig.targets[t].warp;
+  }
   return recording.with_rig(std::move(rig));
 }
 
@@ -275,8 +287,10 @@ std::shared_ptr<const Recording> without_added(const Recording& recording) {
   }
   for (Sensor& sensor : rig.sensors)
     if (sensor.time_offset == 0) sensor.time_offset.reset();
-  for (Target& target : rig.targets)
+  for (Target& target : rig.targets) {
     if (target.print == Eigen::Vector2d(0, 0)) target.print.reset();
+    if (target.warp == Eigen::Vector2d(0, 0)) target.bulge.resize(2, 0);
+  }
   if (rig.elasticity && (rig.elasticity->added || !bends(*rig.elasticity))) {
     const Elasticity nominal = nominal_elasticity(rig);
     rig.elasticity->added = false;
@@ -300,12 +314,14 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
     if (const Widths learned = best_widths(alone(at, factor, gears, gears)); learned.defined)
       factor(gears) = learned.factor(0);
   std::vector<std::pair<double, int>> gaining;
+  std::map<int, VectorXd> value;
   for (int group = first; group < factor.size(); ++group) {
     const WidthProblem one = alone(at, factor, first, group);
     const Widths learned = best_widths(one);
     out.tried.push_back({with.groups.groups[group].name});
     if (!learned.defined) continue;
     factor(group) = learned.factor(0);
+    value[group] = learned.posterior.value;
     const double gain = evidence_gain(one, learned, 0) - model.log_candidates;
     out.tried.back().gain = gain;
     if (gain >= kEvidence) gaining.push_back({-gain, group});
@@ -337,6 +353,7 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
     set_outcome(group, TriedGroup::Outcome::kept);
     out.groups.push_back(name);
     out.factor[name] = factor(group);
+    out.value[name] = value[group];
     for (const auto& entry : gaining)
       if (entry.second == group) out.gain -= entry.first;
   }

@@ -6,7 +6,8 @@
 //   compliance          about the joints' axes, with the loads that the rig begins with
 //   compliance across   of the joints' axes, in the stator's frame or the rotor's
 //   loads               first moments of the moving links
-//   prints              of boards: longer along x than along y, sheared (rig/targets.h)
+//   prints, warps       of boards: longer along x than along y, sheared; not flat (rig/targets.h)
+//   marker points       of targets that are points
 //   backlash            of joints whose direction of approach the samples state
 //   time offsets        of sensors that measured while joints moved, if the samples state rates
 //   temperature         of joints, if the samples state different ones
@@ -63,6 +64,8 @@ std::shared_ptr<const Recording> with_backlash(const Recording& recording);
 std::shared_ptr<const Recording> with_temperature(const Recording& recording);
 /// Returns the recording with a print of every board that may be out of scale.
 std::shared_ptr<const Recording> with_prints(const Recording& recording);
+/// Returns the recording with a warp of every board.
+std::shared_ptr<const Recording> with_warps(const Recording& recording);
 /// Returns the recording with ripples of these joints, at the ratios that the rig states.
 std::shared_ptr<const Recording> with_ripple(const Recording& recording,
                                              const std::vector<int>& joints);
@@ -89,7 +92,8 @@ Values values_in(const FitWithGroups& fit, const Recording& recording);
 /// together.
 struct FurtherTrial {
   std::vector<std::string> groups;
-  std::map<std::string, double> factor;  // of their widths
+  std::map<std::string, double> factor;   // of their widths
+  std::map<std::string, VectorXd> value;  // of their members, in the order of the columns
   double gain = 0;
   std::vector<TriedGroup> tried;  // all groups of the model
 };

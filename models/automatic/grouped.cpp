@@ -84,8 +84,8 @@ AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& op
   for (WidthGroup& g : out.groups) {
     drop(g.members);
     drop(g.unseen);
-    if (!added || !is_bending(g.name) || std::count(further.begin(), further.end(), g.name))
-      continue;
+    if (!(added && is_bending(g.name)) && g.name != kMarkers) continue;
+    if (std::count(further.begin(), further.end(), g.name)) continue;
     out.further.push_back(g.name);
     g = WidthGroup();
   }

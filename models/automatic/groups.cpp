@@ -383,21 +383,25 @@ void GroupMaker::make_geometry() {
 }
 
 void GroupMaker::make_targets_and_sensors() {
-  bool unprinted = false;  // a board without a print of its own
+  std::set<std::string> possible;
   for (size_t t = 0; t < rig_.targets.size(); ++t) {
     const int square = table_.target_square[t];
     if (square >= 0 && used_[square]) add("sizes", square, 0);
     const int warp = table_.target_warp[t];
     for (int c = 0; warp >= 0 && c < 2; ++c)
-      if (used_[warp]) add("bends", warp, c);
+      if (used_[warp]) add(kWarps, warp, c);
     const int print = table_.target_print[t];
     for (int c = 0; print >= 0 && c < 2; ++c)
       if (used_[print]) add(kPrints, print, c);
-    if (print < 0 && square >= 0 && used_[square]) unprinted = true;
+    if (square >= 0 && used_[square]) possible.insert({kPrints, kWarps});
+    const int points = table_.target_points[t];
+    for (int c = 0; points >= 0 && c < table_.all[points].size(); ++c)
+      if (used_[points] && rig_.targets[t].count() > 1) add(kMarkers, points, c);
   }
-  if (unprinted && std::none_of(out_.groups.begin(), out_.groups.end(),
-                                [](const WidthGroup& g) { return g.name == kPrints; }))
-    out_.groups.push_back({kPrints, {}, {}});
+  for (const std::string& name : possible)
+    if (std::none_of(out_.groups.begin(), out_.groups.end(),
+                     [&](const WidthGroup& g) { return g.name == name; }))
+      out_.groups.push_back({name, {}, {}});
   for (size_t s = 0; s < rig_.sensors.size(); ++s)
     for (size_t b = 0; b < rig_.sensors[s].parameters.size(); ++b) {
       const int p = table_.sensor_block[s] + static_cast<int>(b);

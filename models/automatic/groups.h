@@ -13,20 +13,20 @@
 //
 //   offsets, slides            of revolute joints; of prismatic ones
 //   lengths, angles            components of origins, by run
-//   sizes, bends               of boards; warps of those that have them
+//   sizes                      of boards
 //   baselines
 //   ranges                     scale and offset, of point sensors, if the rig states them
 //   focal lengths, centres, distortion  of each camera
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
-//   compliance, compliance across, loads, backlash, time offsets, temperature, ripple/NAME,
-//   curve/NAME, coupling/NAME
-//                              of joints that bend, of joints whose direction of approach the
-//                              samples state, of sensors that measured while joints moved, of
-//                              joints where the samples state different temperatures, and of one
-//                              that turns: cycles of a gear whose ratio the rig states, its error
-//                              over its angle, shares of the readings of the next joints; tried
-//                              after all others (further.h)
+//   prints, warps, marker points, compliance, compliance across, loads, backlash, time offsets,
+//   temperature, ripple/NAME, curve/NAME, coupling/NAME
+//                              of boards; of targets that are points; of joints that bend, of
+//                              joints whose direction of approach the samples state, of sensors
+//                              that measured while joints moved, of joints where the samples state
+//                              different temperatures, and of one that turns: cycles of a gear
+//                              whose ratio the rig states, its error over its angle, shares of the
+//                              readings of the next joints; tried after all others (further.h)
 //   gears                      scales of all others; only on request
 //
 // A run is an unbranched row of joints. All components of their origins are members, except motion
@@ -89,6 +89,8 @@ inline const char* const kBacklash = "backlash";
 inline const char* const kTimeOffsets = "time offsets";
 inline const char* const kTemperature = "temperature";
 inline const char* const kPrints = "prints";
+inline const char* const kWarps = "warps";
+inline const char* const kMarkers = "marker points";
 inline const std::string kRippleOf = "ripple/", kCurve = "curve/", kCouplingOf = "coupling/";
 inline bool is_bending(const std::string& group) {
   return group == kCompliance || group == kComplianceAcross || group == kLoads;
@@ -107,7 +109,7 @@ inline bool corrects_readings(const std::string& group) {
 }
 inline bool is_further(const std::string& group) {
   return corrects_readings(group) || group == kBacklash || group == kTimeOffsets ||
-         group == kPrints;
+         group == kPrints || group == kWarps || group == kMarkers;
 }
 
 /// A GroupChoice has names and globs of groups to add to the usual ones, and to omit.

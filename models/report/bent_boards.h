@@ -6,8 +6,9 @@
 // one (warp_shapes(), counted from its mean over the view),
 //     t = (sum w_i b_i)^2 / sum b_i^2
 // is on average the mean square of w where nothing is bent, so the ratio of the two, over n views
-// and components, is above 1 + 4 sqrt(2 / n) once in some 10,000 boards. What stands out so is
-// fitted once more from the solution with its two numbers free.
+// and components, is above 1 + 4 sqrt(2 / n) once in some 10,000 boards. The warps of boards that
+// stand out so are tried as a further model (automatic/further.h), by evidence and held-out
+// samples.
 #pragma once
 
 #include <vector>
@@ -18,9 +19,7 @@
 
 namespace kincal {
 
-/// Returns a finding (`bent`) for each board that is flat in the rig and with whose warp chi2 falls
-/// by what chance makes of one in 10,000 and by half of what it exceeds its degrees of freedom, and
-/// which pulls a number by two of its sigmas at least.
+/// Returns a finding (`bent`) for each board that is flat in the rig and has a warp.
 Notices bent_boards(const Solution& solution, const Residuals& residuals);
 
 }  // namespace kincal

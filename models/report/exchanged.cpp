@@ -165,7 +165,8 @@ Notices not_as_given(const Solution& solution, const Residuals& residuals) {
   Notices out = exchanged_things(solution);
   if (out.empty()) out = seen_from_behind(solution);
   if (out.empty()) out = pairs_apart(solution);
-  if (out.empty()) out = bent_boards(solution, residuals);
+  if (out.empty() && !solution.prediction)  // (the automatic path tries warps)
+    out = bent_boards(solution, residuals);
   return out;
 }
 

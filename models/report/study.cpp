@@ -283,8 +283,9 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
 /// A message where groups of further models were asked for and the data speak for none of them.
 void say_no_further(const GroupChoice& choice, Report& report) {
   const Tree& tree = report.solution.rig().tree;
-  std::vector<std::string> further = {kCompliance,  kComplianceAcross, kLoads, kBacklash,
-                                      kTimeOffsets, kTemperature,      kPrints};
+  std::vector<std::string> further = {kCompliance,  kComplianceAcross, kLoads,  kBacklash,
+                                      kTimeOffsets, kTemperature,      kPrints, kWarps,
+                                      kMarkers};
   for (const Joint& joint : tree.joints)
     for (const std::string& kind : {kRippleOf, kCurve, kCouplingOf})
       further.push_back(kind + joint.name);

@@ -66,8 +66,9 @@ using K = ParameterKind;
 // square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not
 // measured. print: printers stretch paper by some tenths of a percent; none of 1,000 boards to
 // scale
-//   recordings was given one. range: depth cameras and lidars are sold as right to half a percent
-//   and some millimetres; used ones are off by more. own_number: nothing is known but the unit.
+//   recordings was given one. points: markers on a body are measured with a caliper. range: depth
+//   cameras and lidars are sold as right to half a percent and some millimetres; used ones are off
+//   by more. own_number: nothing is known but the unit.
 // clang-format off
 constexpr ScaleRow kScaleRows[] = {
     // kind, unit; width, usual; yardstick, loose, open; least, mistaken, reported, far
@@ -105,7 +106,7 @@ constexpr ScaleRow kScaleRows[] = {
     {K::square,       "m",   1_pc,   1_pc,    1_pc,   no,    no,     0.5_pc, 3_pc, 1.5_pc, 25_pc},
     {K::warp,         "m",   0.5_mm, 2_mm,    1_mm,   no,    no,     no,     no,   no,     no},
     {K::print,        "",    0.002_n, 0.01_n, 0.001_n, no,  no,     no,     no,   no,     no},
-    {K::points,       "m",   no,     1_cm,    1_cm,   no,    no,     no,     no,   1.5_pc, 25_cm},
+    {K::points,       "m",   1_mm,   1_cm,    1_cm,   no,    no,     no,     no,   1.5_pc, 25_cm},
 };
 // clang-format on
 constexpr ScaleRow kNoScales = {K::own_number, "", no, no, no, no, no, no, no, no, no};

@@ -822,6 +822,28 @@ class Words(Case):
                     again, _ = self.calibrate(samples, rig="out/rig.yaml")     # a rig that has it
                     self.assertAlmostEqual(again["parameters"]["target/board/print"]["value"][0], found["value"][0], delta=0.2 * found["sigma"][0])
 
+    def test_marker_points_that_are_off_are_found(self):
+        """The truth has other points of the body than the rig: joints and noise stay as they are, its lengths are found. Right points stay."""
+        rig = TRACKER[:TRACKER.index("targets:")] + "targets:\n  body: {type: points, points: %s, mount: {link: l6}}\nsensors:" + TRACKER.split("sensors:")[1]
+        given = [[0, 0, 0], [0.12, 0, 0], [0, 0.1, 0], [0.05, 0.04, 0.06]]
+        off = [[0, 0, 0], [1, 0, 0.5], [-0.5, 1.5, 0], [0, 0, -1]]
+        truth = {name: value for name, value in TRACKER_TRUTH.items() if not name.startswith("target/")}
+        truth["target/body/pose"] = [0.08, -0.06, 0.03, 0, 0, 0.2]
+        for by in (0, 1e-3):
+            with self.subTest(by=by):
+                points = [[a + by * b for a, b in zip(*both)] for both in zip(given, off)]
+                samples = self.simulate(rig % json.dumps(points), truth, samples=30, seed=3, out="sim%g" % by)
+                self.write("open.yaml", rig % json.dumps(given))
+                result, text = self.calibrate(samples, rig="open.yaml")
+                self.assertEqual(result["verdict"]["use"], "good", text)
+                self.assertEqual([t["group"] for t in result["tried"] if t["outcome"] == "kept"], ["marker points"] if by else [], text)
+                if by:
+                    values = result["parameters"]["target/body/points"]["value"]
+                    found = [values[i:i + 3] for i in range(0, 12, 3)]
+                    for a in range(4):
+                        for b in range(a):
+                            self.assertLess(abs(math.dist(found[a], found[b]) - math.dist(points[a], points[b])), 1e-4)
+
     def test_a_sigma_stated_ten_times_too_small_is_named_and_errors_hold(self):
         """chi2/dof near 100: the finding alone would leave predicted errors a tenth of the actual ones."""
         for part, true, rig in (("a sensor", POSED.replace("sigma: 0.2}", "sigma: 2}"), CAMERA), ("joints", POSED.replace("sigma: 0.0002}", "sigma: 0.002}"), CAMERA)):

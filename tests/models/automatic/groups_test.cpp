@@ -549,7 +549,8 @@ TEST_CASE("groups: chosen by names and globs") {
   } catch (const NameError& error) {
     CHECK(error.name == "gear");
     std::set<std::string> all = usual;
-    for (const char* more : {"gears", "compliance", "compliance across", "loads", "prints"})
+    for (const char* more :
+         {"gears", "compliance", "compliance across", "loads", "prints", "warps"})
       all.insert(more);
     for (const char* joint :  // error curves and ripples may be asked for, too
          {"head1", "head2", "left1", "left2", "left3", "right1", "right2", "right3"})
