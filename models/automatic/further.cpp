@@ -66,26 +66,47 @@ FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
   return out;
 }
 
-/// The problem of one group alone: the fit's unknowns eliminated, with their widths as they are.
-WidthProblem alone(const WidthProblem& p, const VectorXd& factor, int first_further, int group) {
+/// The members of a group, and the fit's unknowns with the matrix of their equations and its right
+/// side, at their widths.
+struct Beside {
+  int group;
   std::vector<int> own, others;
+  MatrixXd h;
+  VectorXd b;
+};
+Beside beside(const WidthProblem& p, const VectorXd& factor, int first_further, int group) {
+  Beside out{group, {}, {}, {}, {}};
   for (int i = 0; i < p.start.size(); ++i)
     if (p.group[i] == group)
-      own.push_back(i);
+      out.own.push_back(i);
     else if (p.group[i] < first_further)
-      others.push_back(i);
-  MatrixXd h = p.normal(others, others);
-  VectorXd b = p.gradient(others);
-  for (size_t i = 0; i < others.size(); ++i) {
-    const int k = others[i];
+      out.others.push_back(i);
+  out.h = p.normal(out.others, out.others);
+  out.b = p.gradient(out.others);
+  for (size_t i = 0; i < out.others.size(); ++i) {
+    const int k = out.others[i];
     if (p.start(k) == 0) continue;
     const double t = p.start(k) * (p.group[k] < 0 ? 1 : factor(p.group[k]));
-    h(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) += 1 / (t * t);
-    b(static_cast<Eigen::Index>(i)) += p.at(k) / (t * t);
+    out.h(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) += 1 / (t * t);
+    out.b(static_cast<Eigen::Index>(i)) += p.at(k) / (t * t);
   }
-  MatrixXd follow(h.rows(), static_cast<Eigen::Index>(own.size()) + 1);
-  follow << p.normal(others, own), b;
-  const MatrixXd moved = solve_symmetric(h, follow), across = p.normal(own, others);
+  return out;
+}
+
+/// By how many of its sigmas an unknown of the fit moves, at most, if a group has these values.
+double largest_move(const WidthProblem& p, const Beside& of, const VectorXd& value) {
+  const VectorXd by = solve_symmetric(of.h, p.normal(of.others, of.own) * value);
+  const MatrixXd unit = MatrixXd::Identity(of.h.rows(), of.h.cols());
+  const VectorXd variance = solve_symmetric(of.h, unit).diagonal();
+  return std::sqrt((by.array().square() / variance.array()).maxCoeff());
+}
+
+/// The problem of one group alone: the fit's unknowns eliminated, with their widths as they are.
+WidthProblem alone(const WidthProblem& p, const Beside& of) {
+  const std::vector<int>&own = of.own, &others = of.others;
+  MatrixXd follow(of.h.rows(), static_cast<Eigen::Index>(own.size()) + 1);
+  follow << p.normal(others, own), of.b;
+  const MatrixXd moved = solve_symmetric(of.h, follow), across = p.normal(own, others);
   WidthProblem out;
   out.normal = p.normal(own, own) - across * moved.leftCols(moved.cols() - 1);
   out.gradient = p.gradient(own) - across * moved.rightCols(1);
@@ -93,7 +114,7 @@ WidthProblem alone(const WidthProblem& p, const VectorXd& factor, int first_furt
   out.start = p.start(own);
   out.group.assign(own.size(), 0);
   out.groups = 1;
-  out.known = {!p.learns(group)};
+  out.known = {!p.learns(of.group)};
   return out;
 }
 
@@ -311,12 +332,13 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
   const auto gears = static_cast<int>(fit.groups.groups.size()), first = gears + 1;
   VectorXd factor = with.factor;
   if (!with.groups.groups[gears].members.empty())
-    if (const Widths learned = best_widths(alone(at, factor, gears, gears)); learned.defined)
+    if (const Widths learned = best_widths(alone(at, beside(at, factor, gears, gears)));
+        learned.defined)
       factor(gears) = learned.factor(0);
   std::vector<std::pair<double, int>> gaining;
   std::map<int, VectorXd> value;
   for (int group = first; group < factor.size(); ++group) {
-    const WidthProblem one = alone(at, factor, first, group);
+    const WidthProblem one = alone(at, beside(at, factor, first, group));
     const Widths learned = best_widths(one);
     out.tried.push_back({with.groups.groups[group].name});
     if (!learned.defined) continue;
@@ -354,6 +376,7 @@ FurtherTrial try_model(const FitWithGroups& fit, const FurtherModel& model,
     out.groups.push_back(name);
     out.factor[name] = factor(group);
     out.value[name] = value[group];
+    out.moves[name] = largest_move(at, beside(at, factor, first, group), value[group]);
     for (const auto& entry : gaining)
       if (entry.second == group) out.gain -= entry.first;
   }

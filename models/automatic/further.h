@@ -94,6 +94,7 @@ struct FurtherTrial {
   std::vector<std::string> groups;
   std::map<std::string, double> factor;   // of their widths
   std::map<std::string, VectorXd> value;  // of their members, in the order of the columns
+  std::map<std::string, double> moves;    // what the fit estimated, by how many sigmas, at most
   double gain = 0;
   std::vector<TriedGroup> tried;  // all groups of the model
 };

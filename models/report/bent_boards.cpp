@@ -66,6 +66,9 @@ FitWithGroups fit_of(const Solution& solution) {
   return out;
 }
 
+/// Boards whose warp moves nothing by so many sigmas do no harm.
+constexpr double kHarm = 2;
+
 /// The screened boards that have a warp, with it: of two components, m.
 std::map<int, Eigen::Vector2d> warped(const Solution& solution, const std::vector<int>& boards) {
   FurtherModel model;
@@ -83,7 +86,7 @@ std::map<int, Eigen::Vector2d> warped(const Solution& solution, const std::vecto
   std::map<int, Eigen::Vector2d> out;
   for (const int t : boards)
     if (const auto at = found.value.find(table.all[table.target_warp[t]].name);
-        at != found.value.end())
+        at != found.value.end() && found.moves.at(at->first) > kHarm)
       out[t] = at->second;
   return out;
 }

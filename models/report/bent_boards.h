@@ -19,7 +19,8 @@
 
 namespace kincal {
 
-/// Returns a finding (`bent`) for each board that is flat in the rig and has a warp.
+/// Returns a finding (`bent`) for each board that is flat in the rig and has a warp
+/// that moves some parameter by two of its sigmas.
 Notices bent_boards(const Solution& solution, const Residuals& residuals);
 
 }  // namespace kincal

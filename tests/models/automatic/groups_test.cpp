@@ -382,7 +382,7 @@ TEST_CASE("groups: a joint that slides") {
   GroupChoice choice;
   choice.with = {"gears"};
   const AutomaticGroups groups = make_groups(recording, choice);
-  CHECK(group_names(groups) == std::set<std::string>{"offsets", "slides", "gears",
+  CHECK(group_names(groups) == std::set<std::string>{"offsets", "slides", "gears", "marker points",
                                                      "lengths/turn..roll", "angles/turn..roll"});
   CHECK(names(recording, group(groups, "slides").members) == Names{"joint/slide/offset"});
   CHECK(all_start(group(groups, "slides").members, 1e-3));
