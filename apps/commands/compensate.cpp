@@ -13,6 +13,7 @@
 #include "../../io/exchange/compensation_texts.h"
 #include "../../io/exchange/joint_table.h"
 #include "../../io/exchange/poses.h"
+#include "../../io/rig/conditions_entry.h"
 #include "../../io/rig/rig_file.h"
 #include "../../models/rig/configuration.h"
 #include "../../models/rig/numbers.h"
@@ -29,6 +30,7 @@ namespace fs = std::filesystem;
 
 struct CompensateArguments {
   std::string result, postures, tip, from, out, header, module, data, pose_format, unit;
+  std::string payload;
   std::optional<double> temperature;
   bool position = false, force = false;
 };
@@ -66,6 +68,7 @@ RobotTip robot_tip(const RigFile& file, const ParameterTable& table, const Compe
   const Frame from = seen_from(file, table, a.from);
   Conditions conditions;
   conditions.temperature = a.temperature;
+  if (!a.payload.empty()) conditions.payload = find_payload(file.rig, a.payload, "--payload");
   if (tip) return {{&file.rig, &table, table.initial, {}}, *tip, from, conditions};
   throw InputError("--tip: there is no frame '" + a.tip + "'; one of " +
                    comma_separated(names_of(all_frames(file.rig, table))) + " is expected");
@@ -286,6 +289,10 @@ Command compensate_command(CLI::App& app) {
       ->add_option("--temperature", a->temperature,
                    "of the robot, degrees Celsius; required if joints depend on it")
       ->type_name("CELSIUS");
+  command
+      ->add_option("--payload", a->payload,
+                   "that the robot carries, of the rig's `payloads`; default: none")
+      ->type_name("NAME");
   command->add_flag("--position", a->position, "ignore the orientation of the tip");
   command->add_option("--out", a->out,
                       "file for the readings (.jsonl: JSON lines; else a table); "

@@ -96,7 +96,7 @@ FlatRobot flat_robot(const RobotTip& of, const std::set<int>& joints,
   FlatRobot out;
   if (skeleton) {
     bent.resize(*skeleton);
-    set_elasticity(rig, *of.robot.table, of.robot.values, bent);
+    set_elasticity(rig, *of.robot.table, of.robot.values, of.conditions.payload, bent);
     out.gravity = bent.gravity;
     out.rotor = bent.rotor;
   }

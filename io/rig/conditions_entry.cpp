@@ -50,12 +50,59 @@ std::string by_joint(const char* key, const Tree& tree, const std::vector<double
 }  // namespace
 
 const std::vector<std::string>& condition_keys() {
-  static const std::vector<std::string> keys = {"approach", "rates", "temperature"};
+  static const std::vector<std::string> keys = {"approach", "rates", "temperature", "payload"};
   return keys;
 }
 
-Conditions read_conditions(const Field& sample, const Tree& tree) {
+int read_link(const Field& field, const Tree& tree) {
+  const std::string name = field.string();
+  const int link = tree.find_link(name);
+  if (link < 0)
+    field.fail("unknown link '" + name + "'" + nearest_or_all(name, tree.links, "the robot has"));
+  return link;
+}
+
+std::vector<Payload> read_payloads(const Field& field, const Tree& tree) {
+  constexpr double kHeaviest = 5000, kFarthest = 10;  // kg, m: beyond those of any arm
+  std::vector<Payload> out;
+  for (const auto& member : field.members()) {
+    const Field entry = field[member.first];
+    entry.check_keys({"link", "mass"}, {"com"});
+    Payload payload;
+    payload.name = member.first;
+    payload.link = read_link(entry["link"], tree);
+    payload.mass = entry["mass"].number();
+    if (!(payload.mass > 0 && payload.mass <= kHeaviest))
+      entry["mass"].fail("kilograms are expected, more than 0 and at most " + shortest(kHeaviest) +
+                         ", not " + shortest(payload.mass));
+    if (entry.has("com")) payload.centre = Vector3d(entry["com"].vector(3).data());
+    if (payload.centre.norm() > kFarthest)
+      entry["com"].fail("the centre of mass is expected in metres, at most " + shortest(kFarthest) +
+                        " from the link's origin");
+    out.push_back(std::move(payload));
+  }
+  return out;
+}
+
+int find_payload(const Rig& rig, const std::string& name, const std::string& where) {
+  std::vector<std::string> valid;
+  for (size_t i = 0; i < rig.payloads.size(); ++i) {
+    valid.push_back(rig.payloads[i].name);
+    if (valid.back() == name) return static_cast<int>(i);
+  }
+  throw InputError(where + ": " +
+                   (valid.empty() ? "the rig has no `payloads`"
+                                  : "unknown payload '" + name + "'" +
+                                        nearest_or_all(name, valid, "the rig has")));
+}
+
+Conditions read_conditions(const Field& sample, const Rig& rig) {
+  const Tree& tree = rig.tree;
   Conditions out;
+  if (sample.has("payload")) {
+    const Field entry = sample["payload"];
+    out.payload = find_payload(rig, entry.string(), entry.where());
+  }
   const Field joints = sample["joints"];
   if (sample.has("approach"))
     out.approach =
@@ -154,10 +201,13 @@ std::optional<double> read_time_offset(const Field& sensor, const SensorModel& m
   return sensor["time_offset"].number();
 }
 
-std::string conditions_text(const Tree& tree, const Conditions& conditions) {
-  return by_joint("approach", tree, conditions.approach) +
-         by_joint("rates", tree, conditions.rates) +
-         (conditions.temperature ? ", \"temperature\": " + shortest(*conditions.temperature) : "");
+std::string conditions_text(const Rig& rig, const Conditions& conditions) {
+  return by_joint("approach", rig.tree, conditions.approach) +
+         by_joint("rates", rig.tree, conditions.rates) +
+         (conditions.temperature ? ", \"temperature\": " + shortest(*conditions.temperature) : "") +
+         (conditions.payload >= 0
+              ? ", \"payload\": " + json_string(rig.payloads[conditions.payload].name)
+              : "");
 }
 
 }  // namespace kincal

@@ -21,10 +21,17 @@ const std::vector<std::string>& condition_keys();
 
 /// Reads the conditions of a sample or posture, whose `joints` may have names that the robot lacks.
 /// @throws InputError
-Conditions read_conditions(const Field& sample, const Tree& tree);
+Conditions read_conditions(const Field& sample, const Rig& rig);
 
 /// Returns the conditions as they stand behind the joints: ", \"approach\": {...}", or "".
-std::string conditions_text(const Tree& tree, const Conditions& conditions);
+std::string conditions_text(const Rig& rig, const Conditions& conditions);
+
+/// Reads a link's name. @throws InputError
+int read_link(const Field& field, const Tree& tree);
+/// Reads `payloads` of a rig. @throws InputError
+std::vector<Payload> read_payloads(const Field& field, const Tree& tree);
+/// Returns the index of a payload, whose name `where` has. @throws InputError
+int find_payload(const Rig& rig, const std::string& name, const std::string& where);
 
 /// Returns the keys of a joint's entry, those of all models among them.
 std::vector<std::string> joint_keys(const JointModels& models);

@@ -38,14 +38,6 @@ std::vector<int> matching(const Field& where, const std::string& pattern, const 
   return found;
 }
 
-int read_link(const Field& field, const Tree& tree) {
-  const std::string name = field.string();
-  const int link = tree.find_link(name);
-  if (link < 0)
-    field.fail("unknown link '" + name + "'" + nearest_or_all(name, tree.links, "the robot has"));
-  return link;
-}
-
 /// The joints between two links; a floating or planar one is an error of `field`, which asks for
 /// the path.
 Path path_between(const Field& field, const Tree& tree, int from, int to) {
@@ -583,9 +575,9 @@ RigFile read_rig_text(std::string text, const std::string& path, const JointMode
   refuse_other_kinds(file.text, path, Wanted::rig);
   file.node = parse_yaml(file.text, path);
   const Field all = top(file.node, path);
-  all.check_keys(
-      {"format", "robot", "sensors", "targets"},
-      {"base", "joints", "estimate", "priors", "nominal", "serial", "time", "elasticity"});
+  all.check_keys({"format", "robot", "sensors", "targets"},
+                 {"base", "joints", "estimate", "priors", "nominal", "serial", "time", "elasticity",
+                  "payloads"});
   if (all["format"].string() != "kincal/1")
     all["format"].fail("'" + all["format"].string() + "' is not kincal/1");
   if (all.has("serial")) file.serial = all["serial"].string();
@@ -612,6 +604,7 @@ RigFile read_rig_text(std::string text, const std::string& path, const JointMode
   for (const auto& entry : sensors.node->members)
     rig.sensors.push_back(read_sensor(entry.first, sensors[entry.first], rig.tree, rig.base));
   if (all.has("joints")) check_terms_of_scanning(all["joints"], rig);
+  if (all.has("payloads")) rig.payloads = read_payloads(all["payloads"], rig.tree);
   if (all.has("elasticity")) rig.elasticity = read_elasticity(all["elasticity"], rig);
   if (all.has("estimate")) rig.steps = read_steps(all["estimate"], names_of(rig.sensors));
   if (rig.steps.empty())  // poses are never exact; with steps a sigma that is not stated is 0

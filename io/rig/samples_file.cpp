@@ -315,7 +315,7 @@ Sample read_sample(const Field& field, const Lookup& look) {
   const Field joints = field["joints"], views = field["views"];
   sample.readings = read_readings(joints, look, look.rig.tree.joints.size());
   if (field.has("joint_sigma")) sample.noise = read_joint_noise(field["joint_sigma"], joints, look);
-  sample.conditions = read_conditions(field, look.rig.tree);
+  sample.conditions = read_conditions(field, look.rig);
   if (views.node->kind != Node::Kind::sequence) views.fail("a list of views is expected");
   sample.views.reserve(views.size());
   for (size_t i = 0; i < views.size(); ++i)
@@ -408,7 +408,7 @@ std::string json_sample(const Rig& rig, const Sample& sample,
              json_view(rig, sample.views[v], v < images.size() ? images[v] : std::string());
   const std::string split = sample.train ? "\"train\"" : "\"test\"";
   return out + ", \"joints\": " + readings_text(rig.tree, sample.readings) +
-         json_joint_sigma(rig, sample) + conditions_text(rig.tree, sample.conditions) +
+         json_joint_sigma(rig, sample) + conditions_text(rig, sample.conditions) +
          ", \"views\": [" + views + "], \"split\": " + split + "}\n";
 }
 

@@ -118,7 +118,7 @@ Posture read_posture(const Field& field, const Rig& rig) {
   posture.id = field["id"].string();
   posture.readings = read_joints(field["joints"], rig.tree);
   if (field.has("from")) posture.from = read_joints(field["from"], rig.tree);
-  posture.conditions = read_conditions(field, rig.tree);
+  posture.conditions = read_conditions(field, rig);
   if (field.has("targets")) posture.targets = read_places(field["targets"], rig);
   if (field.has("views")) read_views(field["views"], rig, posture);
   return posture;
@@ -277,7 +277,7 @@ std::map<std::string, Posture> read_true_postures(const std::string& path, const
     Posture& posture = out[id];
     posture.id = id;
     posture.readings = read_joints(sample["joints"], rig.tree);
-    posture.conditions = read_conditions(sample, rig.tree);
+    posture.conditions = read_conditions(sample, rig);
     if (sample.has("targets")) posture.targets = read_places(sample["targets"], rig);
   }
   return out;
@@ -327,8 +327,8 @@ std::string truth_text(const Rig& rig, const ParameterTable& table, const Simula
                  ": " + true_pose_text(t->second);
     samples.add(simulation.samples[k].id,
                 "{\"joints\": " + readings_text(rig.tree, simulation.true_readings[k]) +
-                    conditions_text(rig.tree, simulation.samples[k].conditions) +
-                    ", \"targets\": {" + targets + "}}");
+                    conditions_text(rig, simulation.samples[k].conditions) + ", \"targets\": {" +
+                    targets + "}}");
   }
   return "{\n \"about\": \"What the simulated robot really is. parameters: all that differ from "
          "the rig; poses as increments from the "

@@ -350,8 +350,13 @@ Prediction prediction_of(const AutomaticGroups& groups, const Learned& learned,
 
 /// Only products of loads and compliances are found. Where both are estimated, one factor of all is
 /// known by their widths alone, and moves nothing but where it is taken for more than first order:
-/// errors are predicted with the largest load as it is.
-void fix_factor_of_loads(const ParameterTable& table, const VectorXd& values, Prediction& out) {
+/// errors are predicted with the largest load as it is. (A payload, whose mass is known, determines
+/// it.)
+void fix_factor_of_loads(const Recording& recording, const VectorXd& values, Prediction& out) {
+  const ParameterTable& table = recording.table;
+  if (std::any_of(recording.samples.begin(), recording.samples.end(),
+                  [](const Sample& s) { return s.train && s.conditions.payload >= 0; }))
+    return;
   Eigen::Index largest = -1;
   double most = 0;
   bool bends = false;
@@ -601,7 +606,7 @@ Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& o
       other_robots(*learned.recording, {groups, at, learned.widths, learned.setup, learned.values},
                    fit_options_of(options, "lengths of another robot"));
   solution.prediction = prediction_of(groups, learned, selection, others);
-  fix_factor_of_loads(recording.table, solution.values.shared, *solution.prediction);
+  fix_factor_of_loads(recording, solution.values.shared, *solution.prediction);
   out.other_models = other_models(recording, at, learned.widths, solution.initial);
   for (const OtherModel& other : out.other_models)
     if (other.moved.size() > 0)

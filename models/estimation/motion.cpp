@@ -156,7 +156,7 @@ bool Motion::bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& 
   const Rig& rig = layout_.rig;
   const Sample& sample = layout_.recorded[s.index];
   BentPosture& bent = scratch.bent;
-  set_elasticity(rig, layout_.table, state, bent);
+  set_elasticity(rig, layout_.table, state, sample.conditions.payload, bent);
   for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
     const Joint& joint = rig.tree.joints[j];
     bent.origin[j] =

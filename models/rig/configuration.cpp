@@ -12,7 +12,7 @@ void Configuration::bend_joints() {
   auto bent = std::make_shared<BentPosture>();
   const Skeleton& skeleton = *rig_->elasticity->skeleton;
   bent->resize(skeleton);
-  set_elasticity(*rig_, *table_, *values_, *bent);
+  set_elasticity(*rig_, *table_, *values_, conditions_->payload, *bent);
   for (size_t j = 0; j < rig_->tree.joints.size(); ++j) {
     const int joint = static_cast<int>(j);
     bent->origin[j] = origin(joint).rotation;

@@ -151,13 +151,22 @@ bool stands_for_balance(const Rig& rig, const std::vector<double>& readings, int
 }
 
 void set_elasticity(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                    BentPosture& at) {
+                    int payload, BentPosture& at) {
   at.rotor = rig.elasticity->rotor;
   at.gravity = rig.elasticity->root_R_base * rig.elasticity->gravity;
   for (size_t j = 0; j < rig.tree.joints.size(); ++j) {
     if (table.compliance[j] >= 0)
       at.compliance[j] = values.segment<3>(table.all[table.compliance[j]].start);
     if (table.load[j] >= 0) at.load[j] = values.segment<3>(table.all[table.load[j]].start);
+  }
+  if (payload < 0) return;
+  const Payload& carried = rig.payloads[payload];
+  Vector3d place = carried.centre;  // in the link at hand
+  for (int joint = rig.tree.joint_above[carried.link]; joint >= 0;
+       joint = rig.tree.joint_above[rig.tree.joints[joint].parent]) {
+    const Joint& above = rig.tree.joints[joint];
+    if (above.moves()) at.load[joint] += carried.mass * place;
+    place = above.moves() ? above.parent_T_joint.translation : pose_at_zero(above) * place;
   }
 }
 

@@ -31,9 +31,11 @@ Elasticity folded_elasticity(const Rig& rig, const ParameterTable& table, const 
 /// Returns whether a rig has an elasticity: a joint that bends, and a base that stands.
 bool can_bend(const Rig& rig);
 
-/// Sets loads, compliances and gravity of a posture to a rig's values.
+/// Sets compliances and gravity of a posture to a rig's values, and loads to these and those of the
+/// payload (an index; -1: none): its mass sits where it is in the link that carries it, and in
+/// others at the nominal origin of the next joint that moves, a slide at 0.
 void set_elasticity(const Rig& rig, const ParameterTable& table, const VectorXd& values,
-                    BentPosture& at);
+                    int payload, BentPosture& at);
 
 /// Returns whether a joint stands at 0 in the balance of weights at these readings.
 bool stands_for_balance(const Rig& rig, const std::vector<double>& readings, int joint);

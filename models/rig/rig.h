@@ -97,6 +97,14 @@ struct Sensor {
   int image_width = 0, image_height = 0;   // of a camera, 0: unknown
 };
 
+/// A Payload is a mass on a link that the robot carries in the samples that name it.
+struct Payload {
+  std::string name;
+  int link = -1;
+  double mass = 0;                     // kg
+  Vector3d centre = Vector3d::Zero();  // of mass, m, in the link's frame
+};
+
 /// A PriorSetting is a prior as written: one sigma for all components, or separate ones for the
 /// translation and rotation of poses.
 struct PriorSetting {
@@ -145,6 +153,7 @@ struct Rig {
   std::vector<Sensor> sensors;
   std::vector<LinkMass> masses;          // by link, as the URDF has them; empty: unknown
   std::optional<Elasticity> elasticity;  // none: joints do not bend (elasticity.h)
+  std::vector<Payload> payloads;         // that samples may name
   std::vector<Step> steps;
   std::vector<PriorSetting> priors;   // of the automatic path, if there are no steps
   std::vector<NominalValue> nominal;  // of the parameters that an automatic calibration changed

@@ -75,8 +75,9 @@ struct Conditions {
   std::vector<double> rates;     // of the readings, rad/s or m/s; 0: it stands, or is not stated
 
   std::optional<double> temperature = {};  // of the robot, degrees Celsius
+  int payload = -1;                        // of the rig's; -1: none
 
-  bool empty() const { return approach.empty() && rates.empty() && !temperature; }
+  bool empty() const { return approach.empty() && rates.empty() && !temperature && payload < 0; }
 };
 
 /// Returns conditions that state nothing.

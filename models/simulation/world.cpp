@@ -32,6 +32,9 @@ Conditions draw_conditions(const Rig& rig, std::uint64_t seed, int k) {
   if (std::any_of(rig.joints.begin(), rig.joints.end(),
                   [](const JointSettings& j) { return j.terms.temperature.has_value(); }))
     out.temperature = kReferenceTemperature + kWarmer * draws.uniform(-1, 1);
+  if (rig.elasticity && !rig.payloads.empty())
+    out.payload =
+        static_cast<int>(draws.uniform() * static_cast<double>(rig.payloads.size() + 1)) - 1;
   if (std::none_of(rig.sensors.begin(), rig.sensors.end(),
                    [](const Sensor& s) { return s.time_offset.has_value(); }))
     return out;

@@ -88,6 +88,47 @@ class Bending(Folder):
         self.assertAlmostEqual(rows[-1]["rms"] / self.held_out(elastic), 1, places=9)
         self.assertNotIn("tried", rigid)
 
+    def test_payload(self):
+        """Half of the samples carry a box. Calibrated with it, the compliances are right; without a word of it, the calibration is refused."""
+        box = 'payloads: {box: {link: hand, mass: 6, com: [0, 0.05, 0.15]}}\n'
+        self.recorded(ELASTIC + box)
+        self.write("rig.yaml", RIG % box)
+        self.assertIn('"payload": "box"', self.read("samples.jsonl"))
+        told = self.calibrated("told")
+        self.write("samples.jsonl", self.read("samples.jsonl").replace(', "payload": "box"', ""))
+        self.assertNotEqual(self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "silent", "--no-report").returncode, 0)
+        self.assertLess(self.held_out(told), 1e-4)
+        for joint, value in (("b", 2e-5), ("c", 2.5e-5), ("d", 3e-5)):
+            found = told["parameters"]["joint/%s/compliance" % joint]
+            self.assertLess(abs(found["value"][0] - value), 4 * found["sigma"][0])
+            self.assertLess(found["sigma"][0], 4e-7)
+        # Readings for a robot with the box differ from those without; both reach the pose.
+        self.write("postures.csv", "a,b,c,d,e\n0.3,-0.4,0.8,0.2,-0.5\n")
+        rows = {}
+        for name in ([], ["--payload", "box"]):
+            out = self.kincal("compensate", "told", "postures.csv", "--tip", "target/ball", "--from", "base", *name)
+            rows[len(name)] = [float(x) for x in out.splitlines()[1].split(",")[:5]]
+        moved = [abs(a - b) for a, b in zip(rows[0], rows[2])]
+        self.assertTrue(1e-4 < max(moved) < 1e-2, moved)
+
+    def test_wrong_payloads(self):
+        self.recorded("")
+        for entry, words in (("payloads: {box: {link: hnd, mass: 1}}", "payloads.box.link: unknown link 'hnd'"),
+                             ("payloads: {box: {link: hand, mass: 0}}", "payloads.box.mass: kilograms are expected"),
+                             ("payloads: {box: {link: hand}}", "payloads.box: key 'mass' is missing"),
+                             ("payloads: {box: {link: hand, mass: 2, com: [0, 0, 150]}}", "payloads.box.com: the centre of mass is expected in metres")):
+            self.write("rig.yaml", RIG % entry)
+            run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "x")
+            self.assertEqual(run.returncode, 1, run.stderr)
+            self.assertIn(words, run.stderr)
+        lines = self.read("samples.jsonl").replace('"views"', '"payload": "bx", "views"', 1)
+        self.write("samples.jsonl", lines)
+        for entry, words in (("", "payload: the rig has no `payloads`"), ("payloads: {box: {link: hand, mass: 1}}", "samples.jsonl:1: payload: unknown payload 'bx'")):
+            self.write("rig.yaml", RIG % entry)
+            run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--out", "x")
+            self.assertEqual(run.returncode, 1, run.stderr)
+            self.assertIn(words, run.stderr)
+
     def test_cross_validated(self):
         """Without held-out samples the stages are compared by cross-validation; the last line is that of the calibration."""
         self.recorded(ELASTIC)

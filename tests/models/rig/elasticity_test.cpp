@@ -4,7 +4,8 @@
 // of an Estimation of the nasty robot with compliances, loads, offsets, scales and origins free,
 // column by column, and errors of readings, with stator and rotor; of a frame's pose the same; the
 // pose that an Estimation walks to is the Configuration's; without compliance nothing bends; a base
-// that moves is an error. Does not prove: that robots bend so; the automatic path's choice
+// that moves is an error; a payload adds its own moment to every joint, and samples that carry it
+// have derivatives that are right. Does not prove: that robots bend so; the automatic path's choice
 // (tests/program/bending_test.py).
 #include "../../../models/rig/elasticity.h"
 
@@ -84,9 +85,41 @@ TEST_CASE("elasticity: loads of rods and of inertials") {
   CHECK_THROWS_WITH(nominal_elasticity(rig), Catch::Contains("joint 'a' moves the base 'fore'"));
 }
 
+TEST_CASE("elasticity: a payload adds its moment to the joints that carry it") {
+  Rig rig = nasty_robot();
+  rig.base = rig.tree.root;
+  rig.elasticity = nominal_elasticity(rig);
+  rig.payloads = {{"box", link_index(rig, "tool"), 3.5, {0.1, -0.2, 0.3}}};
+  for (size_t j = 0; j < rig.joints.size(); ++j)  // (loads are those at a slide's position 0)
+    if (rig.tree.joints[j].type == JointType::prismatic) rig.joints[j].offset = 0;
+  const ParameterTable table(rig);
+  const Readings readings = completed(Readings(rig.tree.joints.size(), kNan));
+  Conditions with;
+  with.payload = 0;
+  const Configuration empty(rig, table, table.initial, readings),
+      full(rig, table, table.initial, readings, with);
+  const Vector3d centre = full.a_T_b(rig.tree.root, rig.payloads[0].link) * rig.payloads[0].centre;
+  int carrying = 0;
+  for (const int j : rig.elasticity->skeleton->bending) {
+    const Pose root_T_child = full.a_T_b(rig.tree.root, rig.tree.joints[j].child);
+    bool carries = false;
+    for (int link = rig.payloads[0].link; link != rig.tree.root;
+         link = rig.tree.joints[rig.tree.joint_above[link]].parent)
+      carries = carries || rig.tree.joint_above[link] == j;
+    const Vector3d expected =
+        carries ? Vector3d(3.5 * (centre - root_T_child.translation)) : Vector3d::Zero();
+    const auto i = static_cast<size_t>(j);
+    CHECK((full.bent()->moment[i] - empty.bent()->moment[i] - expected).norm() < 1e-9);
+    carrying += carries;
+  }
+  CHECK(carrying >= 3);
+}
+
 TEST_CASE("elasticity: every derivative of an estimation") {
   for (const bool rotor : {false, true}) {
-    const Bent s(rotor);
+    Bent s(rotor);
+    s.rig.payloads = {{"box", link_index(s.rig, "tool"), 3.5, {0.1, -0.2, 0.3}}};
+    s.samples[1].conditions.payload = 0;
     EstimationSetup setup;
     setup.noise = NoiseMode::latent;
     setup.sensors = all_sensors(s.rig);
