@@ -99,6 +99,13 @@ struct Kernels {
   /// `upper` the upper triangle, what is below the diagonal of A is scratch then.
   void (*add_rows)(double* a, int lda, const double* b, int ldb, int rows, int columns, bool upper);
 
+  /// Of `lanes` systems side by side (a multiple of 8) adds `more` to A (n x n, its lower triangle
+  /// row after row) and b: of each of these entries there is one number a lane. With W =
+  /// diag(width) leaves form = b'(A + W^-2)^-1 b and inverse = 1 / |1 + W A W| of each. `work` has
+  /// room for 8 times the entries and 8 n.
+  void (*add_and_weigh)(double* entries, const double* more, const double* width, int n, int lanes,
+                        double* work, double* form, double* inverse);
+
   /// Adds b to a.
   void (*add)(double* a, const double* b, std::ptrdiff_t n);
 };

@@ -571,30 +571,32 @@ void multiply(const double* f, std::ptrdiff_t step_i, std::ptrdiff_t step_r, int
 }
 
 // ---- triangularise: with w = x - beta e_k (x: column k from row k on, beta = -sign(x_k) |x|) the
-// reflection 1 - w w' / (beta (beta - x_k)) takes x to beta e_k. Rows up to the next whole pack one
-// by one.
+// reflection 1 - w w' / (beta (beta - x_k)) takes x to beta e_k.
 
 struct Reflection {
   const double* column;
-  double first, factor;  // w_k, 1 / (beta (beta - x_k))
-  int k, packs;          // row of w_k, of the first pack
+  Pack head;      // of w: the pack of row k, 0 above it
+  double factor;  // 1 / (beta (beta - x_k))
+  int first;      // row of the head
 };
 
 template <int J>
 inline void reflect(const Reflection& w, int rows, double* a, std::ptrdiff_t stride) {
-  Pack sums[J] = {};
-  for (int r = w.packs; r < rows; r += kLanes)
+  Pack sums[J];
+  for (int j = 0; j < J; ++j) sums[j] = w.head * load(a + j * stride + w.first);
+  for (int r = w.first + kLanes; r < rows; r += kLanes)
     for (int j = 0; j < J; ++j) sums[j] += load(w.column + r) * load(a + j * stride + r);
   double by[J];
+  if constexpr (J == 4)
+    sum4(sums[0], sums[1], sums[2], sums[3], by);
+  else
+    for (int j = 0; j < J; ++j) by[j] = sum(sums[j]);
   for (int j = 0; j < J; ++j) {
-    double* to = a + j * stride;
-    double total = sum(sums[j]) + w.first * to[w.k];
-    for (int r = w.k + 1; r < w.packs; ++r) total += w.column[r] * to[r];
-    by[j] = total * w.factor;
-    to[w.k] -= by[j] * w.first;
-    for (int r = w.k + 1; r < w.packs; ++r) to[r] -= by[j] * w.column[r];
+    by[j] *= w.factor;
+    double* const to = a + j * stride + w.first;
+    store(to, load(to) - w.head * by[j]);
   }
-  for (int r = w.packs; r < rows; r += kLanes)
+  for (int r = w.first + kLanes; r < rows; r += kLanes)
     for (int j = 0; j < J; ++j)
       store(a + j * stride + r, load(a + j * stride + r) - load(w.column + r) * by[j]);
 }
@@ -602,18 +604,65 @@ inline void reflect(const Reflection& w, int rows, double* a, std::ptrdiff_t str
 void triangularise(double* a, int rows, int columns, int first, std::ptrdiff_t stride) {
   for (int k = 0; k < first && k + 1 < rows; ++k) {
     double* x = a + k * stride;
-    const int packs = (k + kLanes) / kLanes * kLanes;
-    Pack squares = {};
-    for (int r = packs; r < rows; r += kLanes) squares += load(x + r) * load(x + r);
-    double below = sum(squares);
-    for (int r = k + 1; r < packs; ++r) below += x[r] * x[r];
+    const int start = k / kLanes * kLanes;
+    double head[kLanes];
+    for (int r = 0; r < kLanes; ++r) head[r] = start + r > k ? x[start + r] : 0;
+    Pack squares = load(head) * load(head);
+    for (int r = start + kLanes; r < rows; r += kLanes) squares += load(x + r) * load(x + r);
+    const double below = sum(squares);
     if (!(below > 1e-300)) continue;
     const double norm = root(x[k] * x[k] + below), beta = x[k] > 0 ? -norm : norm;
-    const Reflection w{x, x[k] - beta, 1 / (beta * (beta - x[k])), k, packs};
+    head[k - start] = x[k] - beta;
+    const Reflection w{x, load(head), 1 / (beta * (beta - x[k])), start};
     x[k] = beta;
     int j = k + 1;
     for (; j + 4 <= columns; j += 4) reflect<4>(w, rows, a + j * stride, stride);
     for (; j < columns; ++j) reflect<1>(w, rows, a + j * stride, stride);
+  }
+}
+
+/// By 1 + W A W = L D L', without roots; more than 6 parameters because kernels take plain
+/// pointers.
+void add_and_weigh(double* entries, const double* more, const double* width, int n, int lanes,
+                   double* work, double* form, double* inverse) {
+  const int triangle = n * (n + 1) / 2;
+  double* const z = work + triangle * kLanes;  // L^-1 W b
+  double* const u = z + n * kLanes;            // the row of L D at hand
+  for (int s = 0; s < lanes; s += kLanes, entries += kLanes) {
+    Pack sum = {}, product = all(1.0);
+    double* row = work;  // of L, and then 1 / D
+    double* entry = entries;
+    const double* of_sample = more;
+    const auto next = [&] {
+      const Pack x = load(entry) + *of_sample++;
+      store(entry, x);
+      entry += lanes;
+      return x;
+    };
+    for (int i = 0; i < n; row += ++i * kLanes) {
+      const double* other = work;
+      for (int k = 0; k <= i; other += ++k * kLanes) {
+        Pack x = next() * (width[i] * width[k]);
+        for (int c = 0; c < k; ++c) x -= load(u + c * kLanes) * load(other + c * kLanes);
+        if (k < i) {
+          store(u + k * kLanes, x);
+          store(row + k * kLanes, x * load(other + k * kLanes));
+        } else {
+          x = 1 / (1 + x);
+          store(row + k * kLanes, x);
+          product *= x;
+        }
+      }
+    }
+    row = work;
+    for (int i = 0; i < n; row += ++i * kLanes) {
+      Pack x = next() * width[i];
+      for (int c = 0; c < i; ++c) x -= load(row + c * kLanes) * load(z + c * kLanes);
+      store(z + i * kLanes, x);
+      sum += x * x * load(row + i * kLanes);
+    }
+    store(form + s, sum);
+    store(inverse + s, product);
   }
 }
 
@@ -643,6 +692,7 @@ const Kernels kKernels = {KINCAL_ISA_NAME,
                           multiply,
                           triangularise,
                           add_rows,
+                          add_and_weigh,
                           add};
 
 }  // namespace KINCAL_ISA

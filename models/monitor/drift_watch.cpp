@@ -21,6 +21,7 @@ constexpr double kScales[] = {1, 0.1, 0.01};
 constexpr int kScaleCount = 3;
 constexpr size_t kAskedStarts = 4;  // of each group, by the whole model
 constexpr double kUnlikely = 7;  // log of how much less likely a start is that is not asked about
+constexpr double kLargeProduct = 1e100;    // a product: its logarithm is taken before it overflows
 const double kLogEvidence = std::log(99);  // of one change against none: from there on it counts
 
 double log_sum(double a, double b) {
@@ -60,14 +61,14 @@ DriftWatch::DriftWatch(const MatrixXd& covariance, std::vector<DriftGroup> group
   sum_pull_ = VectorXd::Zero(n);
   most_rows_ = most_rows;
   const auto columns = static_cast<int>(n);
-  j_stride_ = padded(most_rows) + kSlack;
+  j_stride_ = padded(columns + 1) + kSlack;
   rows_stride_ = padded(2 * columns + 1) + kSlack;
   known_stride_ = padded(columns) + kSlack;
   const auto numbers = [](std::ptrdiff_t stride, int count) {
     return AlignedNumbers(static_cast<size_t>(stride) * count + kSlack, 0.0);
   };
-  j_ = numbers(j_stride_, columns + 1);
-  gram_ = numbers(padded(columns + 1), columns + 1);
+  j_ = numbers(j_stride_, most_rows);
+  gram_ = numbers(j_stride_, columns + 1);
   rows_ = numbers(rows_stride_, most_rows);
   seen_ = numbers(known_stride_, most_rows);
   p_ = numbers(known_stride_, columns);
@@ -87,7 +88,8 @@ DriftWatch::DriftWatch(const MatrixXd& covariance, std::vector<DriftGroup> group
     scores_.push_back({numbers(kLanes, row_start(size) + size),
                        VectorXd::Constant(kLanes, -std::numeric_limits<double>::infinity())});
   }
-  block_ = numbers(kLanes, row_start(widest) + 2 * widest);
+  block_ = numbers(kSlack, row_start(widest) + 2 * widest);
+  more_ = numbers(1, row_start(widest) + widest);
   Start empty;
   empty.mean.resize(n);
   empty.covariance = sum_;
@@ -166,8 +168,7 @@ double DriftWatch::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<co
   touched_.clear();
   for (Index c = 0; c < j.cols(); ++c) {
     if ((j.col(c).array() == 0).all()) continue;
-    std::copy_n(j.col(c).data(), j.rows(),
-                j_.begin() + static_cast<std::ptrdiff_t>(touched_.size()) * j_stride_);
+    set_column(static_cast<int>(touched_.size()), j.col(c));
     touched_.push_back(static_cast<int>(c));
   }
   return look_at(y, residuals);
@@ -176,9 +177,13 @@ double DriftWatch::look(const Eigen::Ref<const MatrixXd>& j, const Eigen::Ref<co
 double DriftWatch::look(const std::vector<int>& columns, const Eigen::Ref<const MatrixXd>& j,
                         const Eigen::Ref<const VectorXd>& y, long residuals) {
   touched_.assign(columns.begin(), columns.end());
-  for (Index c = 0; c < j.cols(); ++c)
-    std::copy_n(j.col(c).data(), j.rows(), j_.begin() + c * j_stride_);
+  for (Index c = 0; c < j.cols(); ++c) set_column(static_cast<int>(c), j.col(c));
   return look_at(y, residuals);
+}
+
+/// Sets a column of j_.
+void DriftWatch::set_column(int c, const Eigen::Ref<const VectorXd>& column) {
+  for (Index i = 0; i < column.size(); ++i) j_[i * j_stride_ + c] = column(i);
 }
 
 /// With J of touched_ in j_: leaves [L^-1 J, L^-1 v, L^-1 J P] in rows_, L of S in s_.
@@ -187,11 +192,9 @@ double DriftWatch::look_at(const Eigen::Ref<const VectorXd>& y, long residuals) 
              known = static_cast<int>(known_.size());
   count_ = m;
   residuals_ = residuals < 0 ? static_cast<long>(m) : residuals;
-  const auto column = [&](int c) { return j_.data() + c * j_stride_; };
-  std::copy_n(y.data(), m, column(t));
-  for (int c = 0; c <= t; ++c) std::fill(column(c) + m, column(c) + padded(m), 0.0);
+  set_column(t, y);
   for (int i = 0; i < m; ++i)
-    for (int c = 0; c <= t; ++c) rows_[i * rows_stride_ + c] = j_[c * j_stride_ + i];
+    std::copy_n(j_.begin() + i * j_stride_, t + 1, rows_.begin() + i * rows_stride_);
   touched_known_.clear();
   const auto seen_stride = static_cast<int>(known_stride_);
   const int s_stride = padded(m) + kSlack;
@@ -202,7 +205,7 @@ double DriftWatch::look_at(const Eigen::Ref<const VectorXd>& y, long residuals) 
     touched_known_.push_back(at);
     const double mean = mean_(touched_[c]);
     for (int i = 0; i < m; ++i) {
-      const double x = column(c)[i];
+      const double x = j_[i * j_stride_ + c];
       seen_[i * seen_stride + r] = x;
       rows_[i * rows_stride_ + t] -= mean * x;
     }
@@ -241,11 +244,15 @@ double DriftWatch::log_factor(int slot, size_t group, int scale) const {
       a(i, k) = wi * kScales[scale] * width(k) * entries[(row_start(i) + k) * kLanes];
     a(i, i) += 1;
   }
-  double log_determinant = 0;
-  for (int k = 0; k < n; ++k) {  // Cholesky's factor, and L^-1 b
+  double log_determinant = 0, product = 1;  // of L's diagonal, whose elements are at least 1
+  for (int k = 0; k < n; ++k) {             // Cholesky's factor, and L^-1 b
     for (int c = 0; c < k; ++c) a(k, k) -= a(k, c) * a(k, c);
     a(k, k) = std::sqrt(a(k, k));
-    log_determinant += 2 * std::log(a(k, k));
+    product *= a(k, k);
+    if (product > kLargeProduct || k + 1 == n) {
+      log_determinant += 2 * std::log(product);
+      product = 1;
+    }
     for (int c = 0; c < k; ++c) b(k) -= a(k, c) * b(c);
     b(k) /= a(k, k);
     for (int r = k + 1; r < n; ++r) {
@@ -256,76 +263,56 @@ double DriftWatch::log_factor(int slot, size_t group, int scale) const {
   return 0.5 * (b.squaredNorm() - log_determinant);
 }
 
-/// Adds the sample to A and b of a group, for each start.
-void DriftWatch::add_scores(size_t group) {
-  const std::vector<int>& columns = groups_[group].columns;
-  double* const entries = scores_[group].entries.data();
+/// Leaves what the sample adds to A and b of a group in more_.
+void DriftWatch::score(const std::vector<int>& columns) {
   const auto size = static_cast<int>(columns.size()), right = static_cast<int>(touched_.size());
-  const auto add = [&](int entry, double value) {
-    double* const to = entries + entry * kLanes;
-    for (int s = 0; s < kLanes; ++s) to[s] += value;
-  };
-  const auto product = [&](int a, int b) {
-    double sum = 0;
-    for (int i = 0; i < count_; ++i)
-      sum += rows_[i * rows_stride_ + a] * rows_[i * rows_stride_ + b];
-    return sum;
-  };
+  int first = right, last = -1;
+  for (const int c : columns) {
+    if (place_[c] < 0) continue;
+    first = std::min(first, place_[c]);
+    last = std::max(last, place_[c]);
+  }
+  const double* const rows = rows_.data();
+  const int width = last - first + 1, stride = padded(width), ld = static_cast<int>(rows_stride_);
+  double* const products = gram_.data();
+  double* const pull = products + width * stride;
+  kernels().multiply(rows + first, 1, rows_stride_, width, count_, rows + first, ld, width,
+                     products, stride);
+  kernels().multiply(rows + right, 1, rows_stride_, 1, count_, rows + first, ld, width, pull,
+                     stride);
+  double* to = more_.data();
   for (int i = 0; i < size; ++i) {
-    const int at = place_[columns[i]];
-    if (at < 0) continue;
-    add(row_start(size) + i, product(at, right));
-    for (int k = 0; k <= i; ++k)
-      if (place_[columns[k]] >= 0) add(row_start(i) + k, product(at, place_[columns[k]]));
+    const int at = place_[columns[i]] - first;
+    for (int k = 0; k <= i; ++k) {
+      const int other = place_[columns[k]] - first;
+      *to++ = at < 0 || other < 0 ? 0 : products[at * stride + other];
+    }
+  }
+  for (int i = 0; i < size; ++i) {
+    const int at = place_[columns[i]] - first;
+    *to++ = at < 0 ? 0 : pull[at];
   }
 }
 
-/// Finds which B of a group exceed 99. 1/2 b'(A + W^-2)^-1 b is at least log B for every scale: it
-/// is computed for all starts side by side, and the rest where it suffices.
+/// Adds more_ to A and b of a group, for each start, and finds which B exceed 99. For the scale w
+///     log B <= 1/2 b'(A + W^-2)^-1 b - 1/2 log|1 + W A W| - n log w,
+/// because |1 + w^2 W A W| >= w^2n |1 + W A W|; and log B <= 1/2 b'(A + W^-2)^-1 b. The rest is
+/// computed where these suffice.
 void DriftWatch::weigh(size_t group) {
   const VectorXd& width = groups_[group].width;
   GroupSums& sums = scores_[group];
   const auto n = static_cast<int>(width.size());
-  const auto row = [&](double* from, int entry) { return from + entry * kLanes; };
-  double* const a = block_.data();              // L, with 1 / its diagonal
-  double* const b = a + row_start(n) * kLanes;  // L^-1 b
-  double bound[kLanes] = {};
-  for (int i = 0; i < n; ++i) {
-    for (int k = 0; k <= i; ++k) {
-      const double scale = width(i) * width(k), one = i == k ? 1 : 0;
-      double* const to = row(a, row_start(i) + k);
-      const double* const from = row(sums.entries.data(), row_start(i) + k);
-      for (int s = 0; s < kLanes; ++s) to[s] = one + scale * from[s];
-      for (int c = 0; c < k; ++c) {
-        const double* const x = row(a, row_start(i) + c);
-        const double* const y = row(a, row_start(k) + c);
-        for (int s = 0; s < kLanes; ++s) to[s] -= x[s] * y[s];
-      }
-      const double* const pivot = row(a, row_start(k) + k);
-      if (k < i)
-        for (int s = 0; s < kLanes; ++s) to[s] *= pivot[s];
-      else
-        for (int s = 0; s < kLanes; ++s) to[s] = 1 / std::sqrt(to[s]);
-    }
-    double* const to = row(b, i);
-    const double* const from = row(sums.entries.data(), row_start(n) + i);
-    for (int s = 0; s < kLanes; ++s) to[s] = width(i) * from[s];
-    for (int c = 0; c < i; ++c) {
-      const double* const x = row(a, row_start(i) + c);
-      const double* const y = row(b, c);
-      for (int s = 0; s < kLanes; ++s) to[s] -= x[s] * y[s];
-    }
-    const double* const pivot = row(a, row_start(i) + i);
-    for (int s = 0; s < kLanes; ++s) {
-      to[s] *= pivot[s];
-      bound[s] += to[s] * to[s];
-    }
-  }
+  double form[kLanes], inverse[kLanes];
+  kernels().add_and_weigh(sums.entries.data(), more_.data(), width.data(), n, kLanes, block_.data(),
+                          form, inverse);
   for (int s = 0; s < kStarts; ++s) {
     double& log_sum_of = sums.log_evidence(s);
     log_sum_of = -std::numeric_limits<double>::infinity();
-    if (!(0.5 * bound[s] > kLogEvidence)) continue;
+    if (!(0.5 * form[s] > kLogEvidence)) continue;
+    const double bound =
+        0.5 * (form[s] + std::log(std::max(inverse[s], std::numeric_limits<double>::min())));
     for (int scale = 0; scale < kScaleCount; ++scale) {
+      if (!(bound - n * std::log(kScales[scale]) > kLogEvidence)) continue;
       const double log = log_factor(s, group, scale);
       if (log > kLogEvidence) log_sum_of = log_sum(log_sum_of, log);
     }
@@ -345,7 +332,7 @@ void DriftWatch::take(bool learn, long sample) {
   for (size_t g = 0; g < groups_.size(); ++g) {
     const std::vector<int>& columns = groups_[g].columns;
     if (std::all_of(columns.begin(), columns.end(), [&](int c) { return place_[c] < 0; })) continue;
-    add_scores(g);
+    score(columns);
     weigh(g);
   }
   for (const int c : touched_) place_[c] = -1;
@@ -366,17 +353,22 @@ void DriftWatch::take(bool learn, long sample) {
 
 void DriftWatch::add_sums() {
   const auto t = static_cast<int>(touched_.size());
-  const int stride = padded(t + 1);
-  kernels().gram(j_.data(), padded(count_), j_stride_, t + 1, gram_.data(), stride);
+  const int stride = padded(t + 1) + kSlack;
+  std::fill_n(gram_.begin(), static_cast<std::ptrdiff_t>(t + 1) * stride, 0.0);
+  kernels().subtract_product(gram_.data(), t + 1, stride, j_.data(), count_, j_stride_);
   const Index n = mean_.size();
   for (int c = 0; c < t; ++c) {
     const double* const of = gram_.data() + c * stride;
     const Index at = touched_[c];
     double* const to = sum_.data() + at * (2 * n - at - 1) / 2;
-    for (int r = c; r < t; ++r) to[touched_[r]] += of[r];
-    sum_pull_(at) += of[t];
+    for (int first = c, last = c; first < t; first = last) {  // runs of neighbours
+      while (last < t && touched_[last] - touched_[first] == last - first) ++last;
+      double* const run = to + touched_[first];
+      for (int r = 0; r < last - first; ++r) run[r] -= of[first + r];
+    }
+    sum_pull_(at) -= of[t];
   }
-  sum_squares_ += gram_[static_cast<size_t>(t) * stride + t];
+  sum_squares_ -= gram_[static_cast<size_t>(t) * stride + t];
   sum_residuals_ += residuals_;
 }
 
@@ -594,6 +586,7 @@ void DriftWatch::transfer(StateBytes& bytes) {
     bytes.value(of.before_squares);
     bytes.value(of.before_residuals);
   }
+  std::fill(more_.begin(), more_.end(), 0.0);
   if (!bytes.writes())
     for (size_t g = 0; g < groups_.size(); ++g) weigh(g);
 }

@@ -142,10 +142,11 @@ class DriftWatch {
     AlignedNumbers entries;
     VectorXd log_evidence;
   };
+  void set_column(int c, const Eigen::Ref<const VectorXd>& column);
   double look_at(const Eigen::Ref<const VectorXd>& y, long residuals);
   void begin(long sample);
   void set_covariance(const MatrixXd& covariance);
-  void add_scores(size_t group);
+  void score(const std::vector<int>& columns);
   void weigh(size_t group);
   void add_sums();
   void learn();
@@ -179,11 +180,12 @@ class DriftWatch {
   std::vector<int> known_at_;  // by column: place in known_, or -1
   // Scratch
   std::vector<int> touched_, place_, touched_known_;
-  AlignedNumbers j_, gram_;    // [J y], column after column; the products of these columns
+  AlignedNumbers j_, gram_;    // [J y], row after row; minus the products of its columns
   AlignedNumbers rows_;        // [J v J P], row after row
   AlignedNumbers seen_, p_;    // of known columns: J row after row; rows of P
   AlignedNumbers turned_, s_;  // (J P)'; S
   AlignedNumbers step_;        // of the mean
+  AlignedNumbers more_;        // of a group's A and b: what the sample adds
   AlignedNumbers block_;       // of a group
   std::ptrdiff_t j_stride_, rows_stride_, known_stride_;
   int most_rows_, count_ = 0;  // count: rows of the sample

@@ -130,8 +130,12 @@ void Innovations::factorise(const Equations& of, const std::vector<double>& vari
   };
   moving_ = m;
   while (moving_ > 0 && !touches(moving_ - 1)) --moving_;
+  std::copy_n(of.column(of.width() - 1), m, u_.begin());  // becomes r + J d
   for (int a = 0; a < k; ++a) {
-    std::copy_n(of.column(p + seen_[a]), moving_, j_.begin() + a * stride_);
+    const double* const column = of.column(p + seen_[a]);
+    std::copy_n(column, moving_, j_.begin() + a * stride_);
+    const double mean = test.mean()(of.columns[seen_[a]]);
+    for (int i = 0; i < m; ++i) u_[i] += mean * column[i];
     for (int b = 0; b <= a; ++b)
       p_[a * stride_ + b] = p_[b * stride_ + a] =
           test.covariance(of.columns[seen_[a]], of.columns[seen_[b]]);
@@ -144,13 +148,8 @@ void Innovations::factorise(const Equations& of, const std::vector<double>& vari
   kernels().cholesky(factor_.data(), moving_, ld);
   for (int i = 0; i < m; ++i) {
     double* const row = solved_.data() + i * stride_;
-    row[0] = of.column(of.width() - 1)[i];
+    row[0] = u_[i];
     for (int c = 0; c < p; ++c) row[1 + c] = of.column(c)[i];
-  }
-  for (const int c : seen_) {
-    const double mean = test.mean()(of.columns[c]);
-    if (mean == 0) continue;
-    for (int i = 0; i < m; ++i) solved_[i * stride_] += mean * of.column(p + c)[i];
   }
   kernels().solve_rows(factor_.data(), moving_, ld, solved_.data(), 1 + p, stride_);
   for (int i = moving_; i < m; ++i)

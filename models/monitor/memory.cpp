@@ -48,7 +48,7 @@ size_t DriftWatch::memory(int columns, const std::vector<int>& groups, int most_
   const size_t of_start = 2 * (n + triangle(n));
   size_t numbers = kStarts * of_start;
   numbers += stride(n) * (n + 1) + 2 * n + triangle(n);            // covariance, means, sums, step
-  numbers += stride(m) * (n + 1) + stride(n + 1) * (n + 1);        // j, gram
+  numbers += stride(n + 1) * (m + n + 1);                          // j, gram
   numbers += (stride(2 * n + 1) + stride(n)) * m + stride(n) * n;  // rows, seen, p
   numbers += stride(m) * (n + m);                                  // turned, s
   size_t widest = 0;
@@ -57,7 +57,7 @@ size_t DriftWatch::memory(int columns, const std::vector<int>& groups, int most_
     numbers += kLanes * (triangle(width) + width + 1) + width;
     widest = std::max(widest, width);
   }
-  numbers += kLanes * (triangle(widest) + 2 * widest);
+  numbers += kSlack * (triangle(widest) + 2 * widest) + triangle(widest) + widest;
   const size_t blocks = 4 * kStarts + 5 * groups.size() + 20;
   return sizeof(DriftWatch) + kBytesOfNumber * numbers + kStarts * sizeof(Start) +
          7 * n * sizeof(int) + groups.size() * (sizeof(DriftGroup) + sizeof(GroupSums)) +

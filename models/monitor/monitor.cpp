@@ -39,26 +39,28 @@ void check(const Rig& rig, const std::vector<std::vector<int>>& needed, const Sa
     fail("noise: one for every joint of the rig is expected, or none");
   for (size_t v = 0; v < sample.views.size(); ++v) {
     const View& view = sample.views[v];
-    const std::string where = "views[" + std::to_string(v) + "].";
+    const auto fail_view = [&](const std::string& what) {
+      fail("views[" + std::to_string(v) + "]." + what);
+    };
     if (view.sensor < 0 || view.sensor >= static_cast<int>(rig.sensors.size()))
-      fail(where + "sensor: the rig has no such sensor");
+      fail_view("sensor: the rig has no such sensor");
     if (view.target < 0 || view.target >= static_cast<int>(rig.targets.size()))
-      fail(where + "target: the rig has no such target");
+      fail_view("target: the rig has no such target");
     for (const int id : view.ids)
       if (id < 0 || id >= rig.targets[view.target].count())
-        fail(where + "ids: the target has no such point");
+        fail_view("ids: the target has no such point");
     const Sensor& sensor = rig.sensors[view.sensor];
     const auto points = static_cast<int>(view.ids.size());
     const size_t expected = static_cast<size_t>(sensor.model->blocks(points)) *
                             static_cast<size_t>(sensor.model->measurement_size());
     if (view.z.size() != expected)
-      fail(where + "z: " + std::to_string(expected) + " numbers are expected");
+      fail_view("z: " + std::to_string(expected) + " numbers are expected");
     for (const double z : view.z)
-      if (!std::isfinite(z)) fail(where + "z: a number is not finite");
+      if (!std::isfinite(z)) fail_view("z: a number is not finite");
     if (view.covariance.empty() && view.sigma.size() != static_cast<size_t>(sensor.model->sigmas()))
-      fail(where + "sigma: " + std::to_string(sensor.model->sigmas()) + " numbers are expected");
+      fail_view("sigma: " + std::to_string(sensor.model->sigmas()) + " numbers are expected");
     for (const double sigma : view.sigma)
-      if (!(sigma > 0) || !std::isfinite(sigma)) fail(where + "sigma: it is positive");
+      if (!(sigma > 0) || !std::isfinite(sigma)) fail_view("sigma: it is positive");
     const size_t pair =
         static_cast<size_t>(view.sensor) * rig.targets.size() + static_cast<size_t>(view.target);
     for (const int joint : needed[pair])

@@ -115,12 +115,12 @@ bool SampleForm::given_pose(size_t view, Pose& base_T_target) const {
   return true;
 }
 
-void SampleForm::propose(const Pose& pose) {
+/// Returns the cost where the target stands there; infinite if it is not defined.
+double SampleForm::cost_at(const Pose& pose) {
   Cost cost;
   set_pose(state_, static_cast<int>(values_.shared.size()), pose);
   own_->renew(state_);
-  if (own_->evaluate(0, state_, 0, cost) && std::isfinite(cost.doubled))
-    proposed_.push_back({cost.doubled, pose});
+  return own_->evaluate(0, state_, 0, cost) && cost.doubled < kInfinity ? cost.doubled : kInfinity;
 }
 
 /// Adds the poses that a view proposes.
@@ -129,20 +129,23 @@ void SampleForm::propose_by(size_t view) {
   const View& v = sample.views[view];
   if (recording_.rig.sensors[v.sensor].model->measurement_kind() == MeasurementKind::scan) {
     for (const Pose& pose : proposals(recording_.rig, recording_.table, values_.shared, sample, v))
-      propose(pose);
+      proposed_.push_back({0, pose});
     return;
   }
   const Pose from = base_T_sensor(view);
-  for (const Pose& pose : by_views_[view]->find(v)) propose(from * pose);
+  for (const Pose& pose : by_views_[view]->find(v)) proposed_.push_back({0, from * pose});
 }
 
 /// Minimises over the sample's own unknowns from the best start proposed. A minimum that
 /// explains the sample is the one that is looked for.
 bool SampleForm::solve_from_proposed() {
+  if (proposed_.size() > 1)
+    for (auto& [cost, pose] : proposed_) cost = cost_at(pose);
   std::sort(proposed_.begin(), proposed_.end(),
             [](const auto& a, const auto& b) { return a.first < b.first; });
   double least = kInfinity;
   for (size_t i = 0; i < proposed_.size() && i < kRefined; ++i) {
+    if (!(proposed_[i].first < kInfinity)) break;
     trial_ = state_;
     set_pose(trial_, static_cast<int>(values_.shared.size()), proposed_[i].second);
     const SolveSummary& summary = solver_->solve(trial_);
@@ -164,7 +167,7 @@ bool SampleForm::start_target(int target) {
   for (size_t v = 0; v < sample.views.size(); ++v) {
     Pose pose;
     if (sample.views[v].target != target || !given_pose(v, pose)) continue;
-    propose(pose);
+    proposed_.push_back({0, pose});
     if (solve_from_proposed()) return true;
   }
   for (size_t v = 0; v < sample.views.size(); ++v) {

@@ -39,7 +39,7 @@ class SampleForm {
   Pose base_T_sensor(size_t view) const;
   void propose_by(size_t view);
   bool solve_from_proposed();
-  void propose(const Pose& pose);
+  double cost_at(const Pose& pose);
   bool solve();
   bool solve_anew(std::string& why);
 
@@ -51,7 +51,8 @@ class SampleForm {
   std::vector<int> targets_;                                // free ones
   std::vector<Path> to_sensors_;                            // from the base, by view
   std::vector<std::optional<RepeatedViewPoses>> by_views_;  // of free targets, where one is seen
-  std::vector<std::pair<double, Pose>> proposed_;           // poses of a target and their costs
+  // Poses of a target and their costs, where there are several.
+  std::vector<std::pair<double, Pose>> proposed_;
   bool scans_ = false;
   Values values_;
   VectorXd start_, state_, trial_, best_;

@@ -157,6 +157,43 @@ TEST_CASE("kernels: multiply") {
         }
 }
 
+TEST_CASE("kernels: add_and_weigh") {
+  std::mt19937 engine(23);
+  for (const Kernels* k : sets())
+    for (const int n : {1, 2, 6, 11}) {
+      INFO(k->name << " " << n);
+      constexpr int lanes = 16;
+      const int triangle = n * (n + 1) / 2;
+      const MatrixXd more = random(engine, triangle + n, 1);
+      MatrixXd entries(lanes, triangle + n);
+      const VectorXd width = random(engine, n, 1).cwiseAbs();
+      VectorXd form(lanes), inverse(lanes), expected_form(lanes), expected_inverse(lanes);
+      for (int s = 0; s < lanes; ++s) {
+        const MatrixXd root = random(engine, n, n + 1);
+        const MatrixXd a = root * root.transpose();
+        const VectorXd b = random(engine, n, 1);
+        for (int i = 0; i < n; ++i) {
+          for (int c = 0; c <= i; ++c)
+            entries(s, i * (i + 1) / 2 + c) = a(i, c) - more(i * (i + 1) / 2 + c);
+          entries(s, triangle + i) = b(i) - more(triangle + i);
+        }
+        MatrixXd weighed = width.asDiagonal() * a * width.asDiagonal();
+        weighed.diagonal().array() += 1;
+        const VectorXd right = width.cwiseProduct(b);
+        expected_form(s) = fixture::dense::weighted_square(right, weighed);
+        expected_inverse(s) = 1 / std::exp(fixture::dense::log_determinant(weighed));
+      }
+      const MatrixXd sums = entries.rowwise() + more.transpose().row(0);
+      std::vector<double> work(8 * (triangle + 2 * n));
+      k->add_and_weigh(entries.data(), more.data(), width.data(), n, lanes, work.data(),
+                       form.data(), inverse.data());
+      CHECK(entries == sums);
+      CHECK((form - expected_form).cwiseQuotient(expected_form).cwiseAbs().maxCoeff() < 1e-9);
+      CHECK((inverse - expected_inverse).cwiseQuotient(expected_inverse).cwiseAbs().maxCoeff() <
+            1e-9);
+    }
+}
+
 TEST_CASE("kernels: triangularise") {
   std::mt19937 engine(8);
   for (const Kernels* k : sets())
