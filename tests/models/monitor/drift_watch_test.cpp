@@ -1,11 +1,12 @@
 // models/monitor/drift_watch: has something moved since the calibration?
 //
 // Proves: innovations are those of a dense covariance; the estimate is the dense least-squares one;
-// while nothing moves alarms come as rarely as stated (at least two fifths and at most three
-// standard deviations more than that, 500 runs); a group that no sample sees does not raise them;
-// what moved is named, its size is right within its sigma, and accepting it ends the alarm with an
-// estimate that is the dense one of the model with the change; wrong sizes are refused. Does not
-// prove: that the equations of a robot's samples are such (monitor_test.cpp).
+// R is the sum of its definition; while nothing moves alarms come as rarely as stated (at least two
+// fifths and at most three standard deviations more than that, 500 runs); a group that no sample
+// sees does not raise them; what moved is named, its size is right within its sigma, and accepting
+// it ends the alarm with an estimate that is the dense one of the model with the change; wrong
+// sizes are refused. Does not prove: that the equations of a robot's samples are such
+// (monitor_test.cpp).
 #include "../../../models/monitor/drift_watch.h"
 #include "../../fixtures/dense.h"
 
@@ -97,6 +98,53 @@ TEST_CASE("drift watch: innovations and the estimate against dense ones") {
   e.next();
   add(test, e, 30, false);
   CHECK(test.mean() == before);
+}
+
+TEST_CASE("drift watch: R is the sum of its definition") {
+  for (const double size : {0.1, 0.5, 2.0, 8.0}) {
+    INFO("a change of " << size);
+    Equations e(11);
+    const std::vector<DriftGroup> all = groups();
+    DriftWatch test(e.covariance, all, 1e9, kRows);
+    MatrixXd known = e.covariance;
+    VectorXd mean = VectorXd::Zero(kColumns);
+    MatrixXd a[2];  // of all columns, by start
+    VectorXd b[2];
+    for (long i = 0; i < 2; ++i) {
+      a[i].setZero(kColumns, kColumns);
+      b[i].setZero(kColumns);
+      e.difference(2) += size;
+      e.difference(8) -= size;
+      e.next();
+      const MatrixXd inverse =
+          fixture::dense::inverse(MatrixXd::Identity(kRows, kRows) + e.j * known * e.j.transpose());
+      const VectorXd v = e.y - e.j * mean;
+      for (long start = 0; start <= i; ++start) {
+        a[start] += e.j.transpose() * inverse * e.j;
+        b[start] += e.j.transpose() * inverse * v;
+      }
+      mean += known * e.j.transpose() * inverse * v;
+      known -= MatrixXd(known * e.j.transpose() * inverse * e.j * known);
+      add(test, e, i);
+      double r = 0;
+      for (long start = 0; start <= i; ++start)
+        for (const DriftGroup& group : all)
+          for (const double scale : {1.0, 0.1, 0.01}) {
+            const VectorXd width = scale * group.width;
+            MatrixXd weighed = width.asDiagonal() * a[start](group.columns, group.columns) *
+                               MatrixXd(width.asDiagonal());
+            weighed.diagonal().array() += 1;
+            const VectorXd right = width.cwiseProduct(b[start](group.columns));
+            const double log = 0.5 * fixture::dense::weighted_square(right, weighed) -
+                               0.5 * fixture::dense::log_determinant(weighed);
+            if (log > std::log(99)) r += std::exp(log) / (3.0 * static_cast<double>(all.size()));
+          }
+      if (r > 0)
+        CHECK(test.log_statistic() == Approx(std::log(r)).epsilon(1e-8));
+      else
+        CHECK(test.log_statistic() == -INFINITY);
+    }
+  }
 }
 
 TEST_CASE("drift watch: false alarms are as rare as stated") {
