@@ -156,11 +156,11 @@ void Innovations::factorise(const Equations& of, const std::vector<double>& vari
     for (int c = 0; c <= p; ++c) solved_[i * stride_ + c] /= sigma_[i];
 }
 
-/// L^-1 of the rows with J.
-void Innovations::invert() {
+/// L^-1 of the rows with J, with a column for every row.
+void Innovations::invert(int rows) {
   const auto ld = static_cast<int>(stride_);
   for (int i = 0; i < moving_; ++i) {
-    std::fill_n(inverse_.begin() + i * stride_, padded(moving_), 0.0);
+    std::fill_n(inverse_.begin() + i * stride_, padded(rows), 0.0);
     inverse_[i * (stride_ + 1)] = 1;
   }
   for (int k = 0; k < moving_; k += kAtOnce)
@@ -195,18 +195,26 @@ Innovations::OfSensor Innovations::sensor(const Equations& of, const Equations::
   const auto ld = static_cast<int>(stride_);
   const double* const inverse = inverse_.data() + from * (stride_ + 1);
   const double* const y = y_.data() + from;
-  kernels().multiply(inverse, 1, stride_, n, std::max(0, moving_ - from), inverse, ld, n, h_.data(),
-                     ld);
-  kernels().multiply(y, 1, stride_, n, of.private_size, y, ld, n, factor_.data(), ld);
-  for (int c = 0; c < n; ++c)
-    for (int r = 0; r < n; ++r) {
+  for (int i = 0; i < n; i += kAtOnce) {  // on and below the diagonal
+    const std::ptrdiff_t corner = i * (stride_ + 1);
+    const int columns = std::min(kAtOnce, n - i);
+    kernels().multiply(inverse + corner, 1, stride_, columns, std::max(0, moving_ - from - i),
+                       inverse + corner, ld, n - i, h_.data() + corner, ld);
+    kernels().multiply(y + i, 1, stride_, columns, of.private_size, y + i, ld, n - i,
+                       factor_.data() + corner, ld);
+  }
+  for (int c = 0; c < n; ++c) {
+    const double sigma = sigma_[from + c];
+    if (from + c >= moving_) h_[c * (stride_ + 1)] += 1 / (sigma * sigma);
+    for (int r = c; r < n; ++r) {
       double& h = h_[c * stride_ + r];
-      h = (h - factor_[c * stride_ + r]) * sigma_[from + c] * sigma_[from + r];
+      h = (h - factor_[c * stride_ + r]) * sigma * sigma_[from + r];
     }
+  }
   OfSensor out{rows.sensor, 0, static_cast<double>(n)};
   const auto factorises = [&](double less) {
     for (int c = 0; c < n; ++c)
-      std::copy_n(h_.begin() + c * stride_, n, factor_.begin() + c * stride_);
+      std::copy_n(h_.begin() + c * (stride_ + 1), n - c, factor_.begin() + c * (stride_ + 1));
     for (int i = 0; i < n; ++i) factor_[i * (stride_ + 1)] -= less;
     return kernels().cholesky(factor_.data(), n, ld);
   };
@@ -234,7 +242,7 @@ void Innovations::expect(const Equations& of, const std::vector<double>& varianc
   reserve(m, p, static_cast<int>(of.columns.size()), static_cast<int>(of.rest.size()));
   for (int i = 0; i < m; ++i) sigma_[i] = std::sqrt(variance[of.kind[i]]);
   factorise(of, variance, test);
-  invert();
+  invert(m);
   explain(m, p);
   for (int i = 0; i < m; ++i) {
     u_[i] = i < moving_ ? 0 : solved_[i * stride_] / sigma_[i];

@@ -81,7 +81,7 @@ class Innovations {
   using Stride = Eigen::OuterStride<>;
   const double* block() const { return reduced_.data() + first_; }
   void factorise(const Equations& of, const std::vector<double>& variance, const DriftWatch& test);
-  void invert();
+  void invert(int rows);
   void explain(int rows, int privates);
   OfSensor sensor(const Equations& of, const Equations::OfSensor& rows);
   template <class Fill>

@@ -2,10 +2,10 @@
 //
 // Proves, for random equations with few and with many rows, with and without private unknowns that
 // nothing determines: chi2, its degrees of freedom, the innovation of each sensor (also where
-// nothing else tells of some of its directions) and what a sample tells of each kind of noise equal
-// those of dense inverses in long double to 1e-9; the reduced equations have the products of the
-// dense ones to 1e-9, and no more rows than columns. Does not prove: that the equations of a
-// robot's samples are such (monitor_test.cpp).
+// nothing else tells of some of its directions, or all its columns are exact) and what a sample
+// tells of each kind of noise equal those of dense inverses in long double to 1e-9; the reduced
+// equations have the products of the dense ones to 1e-9, and no more rows than columns. Does not
+// prove: that the equations of a robot's samples are such (monitor_test.cpp).
 #include "../../../models/monitor/innovation.h"
 
 #include <Eigen/Eigenvalues>
@@ -25,7 +25,7 @@ using LongVector = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
 
 constexpr int kColumns = 9, kPrivates = 4, kSensors = 3;
 
-enum class Privates { determined, one_unseen, two_alike, of_one_sensor };
+enum class Privates { determined, one_unseen, two_alike, of_one_sensor, last_exact };
 
 /// Equations with their parts as matrices.
 struct Setting {
@@ -52,6 +52,7 @@ Setting setting(unsigned seed, int rows_of_sensor, Privates privates) {
   out.r = draw(m, 1, 2);
   if (privates == Privates::one_unseen) out.a.col(2).setZero();
   if (privates == Privates::two_alike) out.a.col(3) = 2 * out.a.col(0);
+  if (privates == Privates::last_exact) out.j.bottomRows(rows_of_sensor + 1).setZero();
   if (privates == Privates::of_one_sensor) {
     out.a.topRows(rows_of_sensor).rightCols(1) *= 100;
     out.a.bottomRows(m - rows_of_sensor).rightCols(1).setZero();
@@ -106,8 +107,8 @@ double relative(long double a, long double b) {
 }  // namespace
 
 TEST_CASE("innovations: against dense inverses") {
-  for (const Privates privates :
-       {Privates::determined, Privates::one_unseen, Privates::two_alike, Privates::of_one_sensor})
+  for (const Privates privates : {Privates::determined, Privates::one_unseen, Privates::two_alike,
+                                  Privates::of_one_sensor, Privates::last_exact})
     for (const int rows : {3, 5, 20}) {
       INFO("privates " << static_cast<int>(privates) << ", " << rows << " rows of a sensor");
       Setting s = setting(7 + rows, rows, privates);
