@@ -46,7 +46,7 @@ CheckedJob check_samples(const RigFile& rig_file, const SampleSet& samples,
 }
 
 bool explained(const Diagnosis& d) {
-  return d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof);
+  return d.with_usual_errors || (d.chi2 && *d.chi2 < kExplained * static_cast<double>(d.dof));
 }
 
 Json check_json(const CheckedJob& checked) {

@@ -14,7 +14,9 @@ struct Diagnosis {
   std::vector<Notice> findings;  // most explanatory first; those found without a fit last
   std::optional<double> chi2;    // without corrections; none: the fit cannot start
   long dof = 0;
-  std::string verdict;  // one or more sentences
+  std::optional<double> with_usual_errors;  // chi2/dof of a rig without steps with a robot's usual
+                                            // errors estimated; none: they do not explain it
+  std::string verdict;                      // one or more sentences
   std::string
       readings;  // joint reading errors that would explain the data; empty: none, or not tested
   std::vector<Alternative> alternatives;  // those tried with all samples (DoctorOptions::compare)

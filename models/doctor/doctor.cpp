@@ -284,13 +284,14 @@ bool prove_still_joints(const Recording& recording, const TrialContext& context,
 struct Outcomes {
   FailureMode failure;  // the calibration that was diagnosed
   double per_dof_at_first;
-  bool good_at_first;           // its residuals need no explanation
-  bool data_findings;           // some mistake shows in the data alone
-  bool wrong_numbers;           // numbers among them that nobody can mean
-  bool fit_findings;            // some mistake was found by fits
-  bool still_joint;             // one of the former explains the fit
-  bool changed;                 // two parts of the data contradict each other
-  const std::string& readings;  // what errors of the joint readings would explain
+  bool good_at_first;                       // its residuals need no explanation
+  bool data_findings;                       // some mistake shows in the data alone
+  bool wrong_numbers;                       // numbers among them that nobody can mean
+  bool fit_findings;                        // some mistake was found by fits
+  bool still_joint;                         // one of the former explains the fit
+  bool changed;                             // two parts of the data contradict each other
+  const std::string& readings;              // what errors of the joint readings would explain
+  std::optional<double> with_usual_errors;  // Diagnosis::with_usual_errors
 };
 
 /// Of data that need no explanation, but whose calibration ended badly.
@@ -353,12 +354,19 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
                ? ": two parts of the data contradict each other; look at each by itself."
            : outcomes.wrong_numbers && !outcomes.fit_findings
                ? ": correct first the values named above; until then no fit can find more."
+           : !outcomes.fit_findings && outcomes.with_usual_errors
+               ? " with poses of sensors and targets and joint offsets estimated, and " +
+                     text(
+                         "%.3g with the usual errors of a robot (geometry, gears, lenses), which "
+                         "calibrate estimates as well.",
+                         *outcomes.with_usual_errors)
            : !outcomes.fit_findings
                ? ": none of these explains it."
                : text("; %.3g with the findings corrected: none of the others explains that.",
                       now.per_dof());
     if (outcomes.changed) return out;
     if (!outcomes.readings.empty()) out += " " + outcomes.readings;
+    if (outcomes.with_usual_errors) return out;
     if (now.complete() && now.per_dof() > Thresholds::no_noise)
       out += look_for_mistakes(recording.rig, now);
     else if (context.usual_steps)
@@ -490,15 +498,19 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
     if (const auto freer =
             fit_with_usual_errors(*state.recording, state.context, state.context.all, now)) {
       if (!good(now) && !state.context.usual_steps) out.readings = noise_of_readings(state, *freer);
-      if (!good(now) && out.readings.empty() && state.findings.empty())
+      if (!good(now) && !state.context.usual_steps && out.readings.empty() &&
+          state.findings.empty())
         out.readings = held_errors(*state.recording, now, freer->fit);
       if (state.findings.empty())
         if (auto sigma = wrong_sigmas(*state.recording, state.context, now, freer->evidence))
           state.findings.push_back(std::move(*sigma));
+      if (!good(now) && state.context.usual_steps && state.findings.empty() && good(freer->fit))
+        out.with_usual_errors = freer->fit.per_dof();
     }
-  out.verdict = verdict(*state.recording, state.context, now,
-                        {failure, at_first, good(as_given.now), !by_data.empty(), wrong_numbers,
-                         !state.findings.empty(), still_joint, changed, out.readings});
+  out.verdict =
+      verdict(*state.recording, state.context, now,
+              {failure, at_first, good(as_given.now), !by_data.empty(), wrong_numbers,
+               !state.findings.empty(), still_joint, changed, out.readings, out.with_usual_errors});
   if (!still_joint && !changed) say_what_is_left(now, state.findings);
   out.findings = ordered(std::move(state.findings), std::move(by_data),
                          still_joint || changed || now.per_dof() < Thresholds::noise);

@@ -191,6 +191,15 @@ class Words(Case):
                 for a, b in zip(found, TRACKER_TRUTH["target/%s/pose" % name]):
                     self.assertLess(abs(a - b), 0.02)  # lengths and the tool's own frame trade
 
+    def test_check_of_a_robot_with_usual_errors_finds_nothing(self):
+        """Its lengths are off by a millimetre, which no pose or offset explains: `check` says how it is with these errors estimated."""
+        lengths = {"joint/j%d/origin" % j: [0.001, -0.001, 0.001, 0.001, 0.002, -0.001] for j in (2, 3, 4)}
+        self.simulate(TRACKER, dict(TRACKER_TRUTH, **lengths))
+        said = self.kincal("check", "rig.yaml", "sim/samples.jsonl")
+        self.assertIn("Nothing found", said)
+        self.assertRegex(said, r"chi2/dof is [0-9]{2,}[0-9.]* with poses of .* estimated, and [01]\.[0-9]+ with the usual errors of a robot")
+        self.assertIn("Next: kincal calibrate", said)
+
     def test_what_nothing_can_turn_keeps_its_rotation(self):
         """A reflector on a bracket: its point in the frame that the rig gives is told, the frame's rotation is not, and stays what it is."""
         rig = TRACKER.replace("points: [[0, 0, 0]]", "points: [[0.03, -0.02, 0.05]]").replace("mount: {link: l6}", "mount: {link: l6, pose: {xyz: [0.1, 0, 0], rpy: [0.2, -0.1, 0.3]}}")
