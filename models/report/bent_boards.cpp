@@ -58,9 +58,30 @@ std::map<int, Screen> screened(const Solution& solution, const Residuals& residu
   return out;
 }
 
-/// The fit of a solution, with the priors of its last step.
+constexpr size_t kEnough = 1000;  // samples that show whether a board is warped
+
+/// The fit of a solution, with the priors of its last step: of many samples every so-manieth.
 FitWithGroups fit_of(const Solution& solution) {
-  FitWithGroups out{solution.recording, solution.setup, solution.values, {}, {}};
+  const std::vector<int> all = solution.training();
+  const size_t every = (all.size() + kEnough - 1) / kEnough;
+  std::vector<Sample> samples;
+  Values values;
+  values.shared = solution.values.shared;
+  for (size_t i = 0; i < all.size(); i += every) {
+    const int from = all[i], to = static_cast<int>(samples.size());
+    const auto take = [&](const auto& own, auto& taken) {
+      for (auto at = own.lower_bound({from, 0}); at != own.end() && at->first.first == from; ++at)
+        taken[{to, at->first.second}] = at->second;
+    };
+    take(solution.values.targets, values.targets);
+    take(solution.values.errors, values.errors);
+    samples.push_back(solution.samples()[from]);
+  }
+  FitWithGroups out{make_recording(solution.recording->with_samples(std::move(samples))),
+                    solution.setup,
+                    std::move(values),
+                    {},
+                    {}};
   for (const Prior& p : solution.setup.priors)
     out.groups.stated.push_back({{p.parameter, p.component}, p.sigma});
   return out;
@@ -71,10 +92,11 @@ constexpr double kHarm = 2;
 
 /// The screened boards that have a warp, with it: of two components, m.
 std::map<int, Eigen::Vector2d> warped(const Solution& solution, const std::vector<int>& boards) {
+  const FitWithGroups fit = fit_of(solution);
   FurtherModel model;
   Rig rig = solution.rig();
   for (const int t : boards) rig.targets[t].bulge = warp_shapes(rig.targets[t].layout);
-  model.recording = make_recording(solution.recording->with_rig(std::move(rig)));
+  model.recording = make_recording(fit.recording->with_rig(std::move(rig)));
   model.left = std::max(1.0, solution.chi2_data / std::max(1.0, solution.dof_data));
   const ParameterTable& table = model.recording->table;
   for (const int t : boards) {
@@ -82,7 +104,7 @@ std::map<int, Eigen::Vector2d> warped(const Solution& solution, const std::vecto
     const double width = scales(ParameterKind::warp, "m").width;
     model.groups.push_back({table.all[warp].name, {{{warp, 0}, width}, {{warp, 1}, width}}, {}});
   }
-  const FurtherTrial found = try_model(fit_of(solution), model, *solution.recording);
+  const FurtherTrial found = try_model(fit, model, *fit.recording);
   std::map<int, Eigen::Vector2d> out;
   for (const int t : boards)
     if (const auto at = found.value.find(table.all[table.target_warp[t]].name);
