@@ -212,12 +212,12 @@ void add_together(const std::vector<std::string>& names,
   }
 }
 
-constexpr std::pair<const char*, std::shared_ptr<const Recording> (*)(const Recording&)>
-    kConditions[] = {{kPrints, with_prints},
-                     {kWarps, with_warps},
-                     {kBacklash, with_backlash},
-                     {kTimeOffsets, with_time_offsets},
-                     {kTemperature, with_temperature}};
+const std::pair<const char*, std::shared_ptr<const Recording> (*)(const Recording&)> kConditions[] =
+    {{kPrints, with_prints},
+     {kWarps, with_warps},
+     {kBacklash, with_backlash},
+     {kTimeOffsets, with_time_offsets},
+     {kTemperature, with_temperature}};
 
 /// The shapes of targets, backlash, time offsets and temperature. Each may hide another: one that
 /// was not kept is tried again beside those that were.
