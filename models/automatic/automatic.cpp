@@ -212,9 +212,11 @@ void add_together(const std::vector<std::string>& names,
   }
 }
 
+/// Groups of conditions, and what adds their parameters. (Points have theirs.)
 const std::pair<const char*, std::shared_ptr<const Recording> (*)(const Recording&)> kConditions[] =
     {{kPrints, with_prints},
      {kWarps, with_warps},
+     {kMarkers, make_recording},
      {kBacklash, with_backlash},
      {kTimeOffsets, with_time_offsets},
      {kTemperature, with_temperature}};
@@ -227,7 +229,7 @@ void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
     Model out = model;
     for (const auto& [name, add] : kConditions)
       if (is_among(groups, name)) out.recording = add(*out.recording);
-    if (is_among(groups, kMarkers)) out.options.begin.further.emplace_back(kMarkers);
+    for (const std::string& name : groups) out.options.begin.further.push_back(name);
     return out;
   };
   model.options.progress.stage("shapes of targets, backlash, time offsets, temperature");
@@ -238,7 +240,6 @@ void add_conditions(Model& model, Calibrated& best, FurtherRecord& record) {
     for (const auto& condition : kConditions)
       if (is_among(possible, condition.first) && !is_among(kept, condition.first))
         names.emplace_back(condition.first);
-    if (is_among(possible, kMarkers) && !is_among(kept, kMarkers)) names.emplace_back(kMarkers);
     add_together(names, with, model, best, record);
   }
 }

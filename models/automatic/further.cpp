@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <stdexcept>
 
 #include "../../solver/decompositions.h"
@@ -288,10 +289,15 @@ Recording with_models_of(const Recording& recording, const Recording& other) {
 
 std::shared_ptr<const Recording> without_added(const Recording& recording) {
   Rig rig = recording.rig;
+  std::set<std::string> named;  // by the rig's priors
+  for (const PriorSetting& prior : rig.priors)
+    for (const Freed& f : recording.table.find(prior.pattern, prior.where))
+      named.insert(recording.table.all[f.parameter].name);
   for (JointSettings& joint : rig.joints) {
     JointTerms& terms = joint.terms;
-    if (terms.backlash == 0) terms.backlash.reset();
-    if (terms.temperature == 0) terms.temperature.reset();
+    const std::string prefix = "joint/" + rig.tree.joints[&joint - rig.joints.data()].name + "/";
+    if (terms.backlash == 0 && !named.count(prefix + "backlash")) terms.backlash.reset();
+    if (terms.temperature == 0 && !named.count(prefix + "temperature")) terms.temperature.reset();
     if (all_zero(terms.ripple)) {
       terms.ripple.clear();
       if (terms.ratios_found) terms.gear_ratios.clear();
@@ -309,8 +315,10 @@ std::shared_ptr<const Recording> without_added(const Recording& recording) {
   for (Sensor& sensor : rig.sensors)
     if (sensor.time_offset == 0) sensor.time_offset.reset();
   for (Target& target : rig.targets) {
-    if (target.print == Eigen::Vector2d(0, 0)) target.print.reset();
-    if (target.warp == Eigen::Vector2d(0, 0)) target.bulge.resize(2, 0);
+    const std::string prefix = "target/" + target.name + "/";
+    const Eigen::Vector2d none(0, 0);
+    if (target.print == none && !named.count(prefix + "print")) target.print.reset();
+    if (target.warp == none && !named.count(prefix + "warp")) target.bulge.resize(2, 0);
   }
   if (rig.elasticity && (rig.elasticity->added || !bends(*rig.elasticity))) {
     const Elasticity nominal = nominal_elasticity(rig);

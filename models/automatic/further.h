@@ -74,7 +74,8 @@ std::shared_ptr<const Recording> with_coupling(const Recording& recording,
                                                const std::vector<int>& joints);
 /// Returns the recording with time offsets of the sensors that its samples tell one of.
 std::shared_ptr<const Recording> with_time_offsets(const Recording& recording);
-/// Returns the recording without what these have added, which nobody stated.
+/// Returns the recording without what these have added, which nobody stated. Shapes of 0, backlash
+/// and temperatures that the rig's priors name stay: they are estimated with these.
 std::shared_ptr<const Recording> without_added(const Recording& recording);
 /// Returns the recording with an elasticity, compliances of zero; gravity and loads of the rig's
 /// own, where it has one.

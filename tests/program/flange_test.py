@@ -205,6 +205,9 @@ class Flange(helpers.Folder):
                     for value, sigma, true in zip(found["value"], found["sigma"], (1e-3, 0)):
                         self.assertLess(abs(value - true), 4 * sigma)
                         self.assertLess(sigma, 5e-5)
+                    for key in ("warp", "print"):  # named by a prior, it is estimated with that
+                        prior = rig.replace("square: 0.03,", "square: 0.03, %s: [0, 0]," % key) + "priors: {target/board/%s: 0.001}\n" % key
+                        self.assertIn("target/board/" + key, self.calibrate(samples, 0, rig=prior)[0]["parameters"])
                 text = self.calibrate(samples, 0, rig=steps)[0]["verdict"]["text"]
                 self.assertEqual("target 'board' is not flat" in text, name == "bent", text)
                 self.assertEqual('"warp: [0, 0]"' in text, name == "bent", text)
