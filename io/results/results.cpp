@@ -50,6 +50,8 @@ RigValues rig_values(const Solution& solution, bool write_reduction,
     out.sensor_poses[s] = known_pose(table.sensor_pose[s]);
     if (table.time_offset[s] >= 0)
       out.sensor_time_offsets[s] = values(table.all[table.time_offset[s]].start);
+    if (table.line_time[s] >= 0)
+      out.sensor_line_times[s] = values(table.all[table.line_time[s]].start);
     for (size_t b = 0; b < rig.sensors[s].parameters.size(); ++b) {
       const Parameter& p = table.all[table.sensor_block[s] + static_cast<int>(b)];
       out.sensor_parameters[s][b].assign(values.data() + p.start,

@@ -194,11 +194,18 @@ void check_terms_of_scanning(const Field& joints, const Rig& rig) {
     }
 }
 
-std::optional<double> read_time_offset(const Field& sensor, const SensorModel& model) {
-  if (!sensor.has("time_offset")) return std::nullopt;
-  if (model.measurement_kind() == MeasurementKind::chain)
-    sensor["time_offset"].fail("a chain measures the readings themselves: it has no time offset");
-  return sensor["time_offset"].number();
+void read_times(const Field& field, Sensor& sensor) {
+  if (field.has("time_offset")) {
+    if (sensor.model->measurement_kind() == MeasurementKind::chain)
+      field["time_offset"].fail("a chain measures the readings themselves: it has no time offset");
+    sensor.time_offset = field["time_offset"].number();
+  }
+  if (!field.has("line_time")) return;
+  constexpr double kSlowest = 1e-3;  // s a row: an image of 1,000 rows took a second
+  sensor.line_time = field["line_time"].number();
+  if (std::abs(*sensor.line_time) > kSlowest)
+    field["line_time"].fail("seconds from one row of the image to the next are expected, " +
+                            shortest(kSlowest) + " at most (about 2e-5)");
 }
 
 std::string conditions_text(const Rig& rig, const Conditions& conditions) {

@@ -42,7 +42,7 @@ void read_terms(const Field& entry, const Tree& tree, int joint, JointTerms& ter
 /// Fails where a joint that a sensor scans with has a ripple or a coupling, or is coupled to.
 void check_terms_of_scanning(const Field& joints, const Rig& rig);
 
-/// Reads `time_offset` of a sensor's entry; none: it has no such key. @throws InputError
-std::optional<double> read_time_offset(const Field& sensor, const SensorModel& model);
+/// Reads `time_offset` and `line_time` of a sensor's entry. @throws InputError
+void read_times(const Field& field, Sensor& sensor);
 
 }  // namespace kincal

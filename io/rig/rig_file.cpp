@@ -298,7 +298,7 @@ Sensor read_sensor(const std::string& name, const Field& field, const Tree& tree
   if (sensor.type == "camera") read_camera(field, sensor);
   if (field.has("range_scale") || field.has("range_offset")) read_range(field, sensor);
   if (sensor.model->scans()) read_scanning_joint(field["joint"], tree, path, base, sensor);
-  sensor.time_offset = read_time_offset(field, *sensor.model);
+  read_times(field, sensor);
   return sensor;
 }
 

@@ -283,6 +283,7 @@ RigValues values_of(const Rig& rig) {
     values.sensor_poses.push_back(given_pose(sensor, sensor.link_T_sensor));
     values.sensor_sigmas.push_back(sensor.sigma);
     values.sensor_time_offsets.push_back(sensor.time_offset);
+    values.sensor_line_times.push_back(sensor.line_time);
     values.sensor_parameters.emplace_back();
     for (const ParameterBlock& block : sensor.parameters)
       values.sensor_parameters.back().push_back(block.values);
@@ -350,10 +351,11 @@ std::string rig_text(const RigFile& rig, const RigValues& values, const std::str
     Node& node = member(member(root, "sensors"), sensor.name);
     set_sensor(node, sensor, values.sensor_poses[s], values.sensor_sigmas[s],
                values.sensor_parameters[s]);
-    if (const Node* written = node.find("time_offset");
-        values.sensor_time_offsets[s] &&
-        !(written && sensor.time_offset == values.sensor_time_offsets[s]))
-      member(node, "time_offset") = number_node(*values.sensor_time_offsets[s]);
+    const auto set = [&](const char* key, std::optional<double> given, std::optional<double> now) {
+      if (now && !(node.find(key) && given == now)) member(node, key) = number_node(*now);
+    };
+    set("time_offset", sensor.time_offset, values.sensor_time_offsets[s]);
+    set("line_time", sensor.line_time, values.sensor_line_times[s]);
   }
   for (size_t t = 0; t < rig.rig.targets.size(); ++t) {
     const Target& target = rig.rig.targets[t];

@@ -27,9 +27,9 @@ struct RigValues {
   std::vector<std::vector<double>>
       joint_further;  // components of the models beyond offset and scale
   std::vector<JointTerms> joint_terms;
-  std::vector<std::vector<double>> sensor_sigmas;          // by sensor index, in the model's order
-  std::vector<std::optional<double>> sensor_time_offsets;  // none: no parameter
-  std::vector<std::optional<Pose>> sensor_poses;           // by sensor index; none: unknown
+  std::vector<std::vector<double>> sensor_sigmas;  // by sensor index, in the model's order
+  std::vector<std::optional<double>> sensor_time_offsets, sensor_line_times;  // none: no parameter
+  std::vector<std::optional<Pose>> sensor_poses;  // by sensor index; none: unknown
   std::vector<std::vector<std::vector<double>>> sensor_parameters;  // by sensor, block, component
   std::vector<std::optional<Pose>> target_poses;  // by target index; of free ones ignored
   std::vector<double> target_squares;

@@ -32,7 +32,7 @@ const std::vector<SensorKeys>& sensor_types() {
   static const std::vector<SensorKeys> types = {
       {"camera",
        {"model", "intrinsics", "sigma"},
-       {"image_size", "distortion", "baseline"},
+       {"image_size", "distortion", "baseline", "line_time"},
        "pixels",
        [] { return make_camera(Lens::pinhole, 0); },
        "0.2",

@@ -55,7 +55,7 @@ SeenPoints see(const Solution& solution, int sensor, const Matrix3Xd& points,
 Pose camera_T_board(const Solution& solution, int sample, const View& view) {
   const Configuration at(solution.rig(), solution.table(), solution.values.shared,
                          solution.samples()[sample].readings, solution.samples()[sample].conditions,
-                         view.sensor);
+                         time_of(solution.rig(), view));
   return inverse(at.base_T_sensor(view.sensor)) * solution.values.targets.at({sample, view.target});
 }
 

@@ -238,7 +238,8 @@ class ReasonFinder {
       return;
     }
     const bool backlash = parameter.kind == ParameterKind::backlash;
-    if (backlash || parameter.kind == ParameterKind::time_offset) {
+    if (backlash || parameter.kind == ParameterKind::time_offset ||
+        parameter.kind == ParameterKind::line_time) {
       const std::string& owner = backlash ? scene_.rig().tree.joints[parameter.owner].name
                                           : scene_.rig().sensors[parameter.owner].name;
       out_.why += backlash ? " (no sample states the approach of joint '" + owner + "')"

@@ -88,7 +88,7 @@ Pose Scene::along(const Path& path, const VectorXd& values, const Seen& s, int m
                   double by) const {
   const std::vector<double> readings = this->readings(s, moved, by);
   const Configuration robot(rig(), table(), values, readings,
-                            recording_.samples[s.sample].conditions, s.view->sensor);
+                            recording_.samples[s.sample].conditions, time_of(rig(), *s.view));
   Pose begin_T_end;
   for (const PathStep& step : path) {
     const Pose next = robot.origin(step.joint) * robot.motion(step.joint);

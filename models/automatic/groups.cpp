@@ -230,7 +230,7 @@ void GroupMaker::make_joints() {
           kScanningScale * std::abs(table_.initial(table_.all[scale].start)));
     } else {
       add(slides ? "slides" : "offsets", offset, 0);
-      add("gears", scale, 0);
+      add(kGears, scale, 0);
     }
     if (!slides && !scans[j] && used_[offset]) add_single(static_cast<int>(j), scans);
     if (const int backlash = table_.index_of(ParameterKind::backlash, static_cast<int>(j));
@@ -279,7 +279,8 @@ void GroupMaker::make_conditions() {
   if (!table_.has(ParameterKind::time_offset) && !moving.empty())
     out_.groups.push_back({kTimeOffsets, {}, {}});
   for (const int s : moving)
-    if (table_.time_offset[s] >= 0) add(kTimeOffsets, table_.time_offset[s], 0);
+    for (const int time : {table_.time_offset[s], table_.line_time[s]})
+      if (time >= 0) add(kTimeOffsets, time, 0);
 }
 
 /// Chains between sensors and what they see, the longest first.
@@ -598,7 +599,7 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
     if (without[g]) continue;
     if (group.members.empty() && group.unseen.empty()) {  // not there yet
       out.further.push_back(group.name);
-    } else if (with[g] || group.name != "gears") {
+    } else if (with[g] || group.name != kGears) {
       kept.push_back(std::move(group));
     } else {
       out.gears = std::move(group.members);

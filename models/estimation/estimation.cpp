@@ -136,6 +136,7 @@ std::vector<char> Estimation::influencing() const {
       for (size_t b = 0; b < v.sensor->parameters.size(); ++b)
         use(layout.table.sensor_block[v.sensor_index] + static_cast<int>(b));
       use(layout.table.time_offset[v.sensor_index]);
+      use(layout.table.line_time[v.sensor_index]);
       use(layout.table.target_pose[v.target_index]);
       if (!v.sensor->model->measures_pose()) {
         use(layout.table.target_square[v.target_index]);
@@ -489,6 +490,20 @@ void Estimation::retract(const VectorXd& state, const VectorXd& shared_step,
   }
 }
 
+namespace {
+
+/// Adds the residuals of a view's next point.
+void append(const ViewResiduals& next, ViewResiduals& view) {
+  const std::pair<VectorXd*, const VectorXd*> parts[] = {{&view.raw, &next.raw},
+                                                         {&view.whitened, &next.whitened}};
+  for (const auto& [to, from] : parts) {
+    to->conservativeResize(to->size() + from->size());
+    to->tail(from->size()) = *from;
+  }
+}
+
+}  // namespace
+
 std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
   const Layout& layout = parts_->layout;
   const Motion& motion = parts_->motion;
@@ -524,7 +539,10 @@ std::vector<ViewResiduals> Estimation::residuals(const VectorXd& state) const {
         if (!model.evaluate(scratch.input, v.layout->columns, r.raw.data(), nullptr))
           r.raw.setConstant(std::nan(""));
       }
-      out.push_back(std::move(r));
+      if (v.point > 0)
+        append(r, out.back());
+      else
+        out.push_back(std::move(r));
     }
   }
   return out;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "../rig/targets.h"
+
 namespace kincal {
 namespace {
 
@@ -68,7 +70,16 @@ void Layout::place_sample(int index) {
     key.insert(key.end(), {view.sensor, view.target, !view.covariance.empty(),
                            static_cast<int>(view.ids.size())});
     key.insert(key.end(), view.ids.begin(), view.ids.end());
-    s.views.push_back({&view, nullptr});
+    if (!sensor.line_time) {
+      s.views.push_back({&view, nullptr});
+      continue;
+    }
+    if (setup.noise == NoiseMode::marginal)
+      throw std::invalid_argument("sensor '" + sensor.name +
+                                  "' has a line_time: noise 'marginal' takes all points of a view "
+                                  "for seen at one time; valid: latent, point, none");
+    const auto count = static_cast<int>(view_ids(view, rig.targets[view.target]).size());
+    for (int k = 0; k < count; ++k) s.views.push_back({&view, nullptr, k});
   }
   if (s.views.empty()) return;
   const std::vector<int> pieces = pieces_of(recorded[index]);
@@ -117,9 +128,8 @@ SampleLayout Layout::make_layout(const PlacedSample& placed, std::vector<int> pi
     v.model = &model_of(*v.sensor);
     v.noise = v.model->noise_parts();
     v.covariances = !p.view->covariance.empty();
-    v.ids = p.view->ids;
-    if (v.ids.empty() && !v.model->measures_pose())
-      for (int i = 0; i < v.target->count(); ++i) v.ids.push_back(i);
+    if (!v.model->measures_pose()) v.ids = view_ids(*p.view, *v.target);
+    if (p.point >= 0) v.ids = {v.ids[p.point]};
     v.path = place_path(s, v);
     if (v.target->link < 0) {
       const auto it = std::find(s.targets.begin(), s.targets.end(), v.target_index);
@@ -139,8 +149,10 @@ int Layout::place_path(SampleLayout& s, const ViewLayout& v) const {
   path.to = v.target->link >= 0 ? v.target->link : rig.base;
   if (v.model->scans()) path.scanning_joint = v.sensor->scanning_joint;
   path.clock = table.time_offset[v.sensor_index];
-  for (size_t i = 0; i < s.paths.size(); ++i)
-    if (s.paths[i].from == path.from && s.paths[i].to == path.to &&
+  path.line = table.line_time[v.sensor_index];
+  if (path.line >= 0) path.of_view = static_cast<int>(s.views.size());
+  for (size_t i = 0; i < s.paths.size() && path.line < 0; ++i)
+    if (s.paths[i].line < 0 && s.paths[i].from == path.from && s.paths[i].to == path.to &&
         s.paths[i].scanning_joint == path.scanning_joint && s.paths[i].clock == path.clock)
       return static_cast<int>(i);
   path.steps = find_path(rig.tree, path.from, path.to);
@@ -316,11 +328,12 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
       }
       first += table.all[p].size();
     }
-    if (k != path.scan_step && path.clock >= 0 && freed[path.clock]) {
-      path.sensor_side = path.sensor_side || path.on_sensor_side(k);
-      m.source = Source::time_offset;
-      add(m, place_of(places, first_column[path.clock]));
-    }
+    if (k != path.scan_step)
+      place_times(path, [&](Source source, int column) {
+        path.sensor_side = path.sensor_side || path.on_sensor_side(k);
+        m.source = source;
+        add(m, place_of(places, column));
+      });
     if (k != path.scan_step) place_errors(path, m, s);
   }
   if (rig.elasticity) place_bending(path, places, s);
@@ -332,6 +345,13 @@ void Layout::place_joints(SensorPath& path, const std::map<int, int>& places,
       m.first = static_cast<int>(
           std::lower_bound(path.places.begin(), path.places.end(), found[m.first]) -
           path.places.begin());
+}
+
+/// The columns of the times at which the path's views were measured.
+void Layout::place_times(const SensorPath& path,
+                         const std::function<void(Source source, int column)>& add) const {
+  if (path.clock >= 0 && freed[path.clock]) add(Source::time_offset, first_column[path.clock]);
+  if (path.line >= 0 && freed[path.line]) add(Source::line_time, first_column[path.line]);
 }
 
 /// Columns of the errors of the readings on which the position of the column's joint depends.
@@ -399,10 +419,10 @@ void Layout::place_bending(SensorPath& path, const std::map<int, int>& places,
       }
       first += table.all[p].size();
     }
-    if (path.clock >= 0 && freed[path.clock]) {
-      m.source = Source::time_offset;
-      add(m, j, place_of(places, first_column[path.clock]));
-    }
+    place_times(path, [&](Source source, int column) {
+      m.source = source;
+      add(m, j, place_of(places, column));
+    });
     m.source = Source::error;
     for_each_reading(rig, drv.joint, [&](int by) {
       const auto noisy = std::find(s.noisy.begin(), s.noisy.end(), by);
@@ -573,7 +593,7 @@ void Layout::reload() {
     for (PlacedView& v : s.views) {
       if (!v.layout->kernel) continue;
       const SensorModel& model = *v.layout->model;
-      model.compared(v.view->z.data(), static_cast<int>(v.layout->ids.size()), v.layout->stride(),
+      model.compared(v.z(), static_cast<int>(v.layout->ids.size()), v.layout->stride(),
                      seen.data() + v.measured);
     }
 }

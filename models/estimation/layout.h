@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <functional>
 #include <map>
 #include <memory>
 #include <vector>
@@ -22,6 +23,7 @@ enum class Source {
   joint_number,
   error,
   time_offset,
+  line_time,
   origin,
   compliance,
   load,
@@ -47,7 +49,9 @@ struct MotionColumns {
 /// where a scanning joint lies between, what is behind it is in the frame behind.
 struct SensorPath {
   int from = -1, to = -1, scanning_joint = -1;
-  int clock = -1;  // time offset (parameter) of the sensors; -1: they have none
+  int clock = -1;    // time offset (parameter) of the sensors; -1: they have none
+  int line = -1;     // line time (parameter); then the path is that of one view alone,
+  int of_view = -1;  // of this one of the sample's, a point at the time of its row
   Path steps;
   int scan_step = -1;                  // step of the scanning joint
   int scan_numbers = 0;                // own numbers of its model
@@ -113,8 +117,14 @@ struct SampleLayout {
 struct PlacedView {
   const View* view;
   const ViewLayout* layout;
+  int point = -1;       // the only one of the view's points, where each has its own time; -1: all
   size_t measured = 0;  // with a kernel: where in Layout::seen what it compares with begins
   int whitening = -1;   // without, or with own noise: which of the whitenings
+
+  /// Returns what was measured of the first point.
+  const double* z() const {
+    return view->z.data() + (point < 0 ? 0 : point * layout->model->measurement_size());
+  }
 };
 
 struct PlacedSample {
@@ -184,6 +194,8 @@ struct Layout {
   std::vector<int> pieces_of(const Sample& sample) const;
   SampleLayout make_layout(const PlacedSample& placed, std::vector<int> pieces) const;
   int place_path(SampleLayout& sample, const ViewLayout& v) const;
+  void place_times(const SensorPath& path,
+                   const std::function<void(Source source, int column)>& add) const;
   GroupShape place_columns(SampleLayout& sample) const;
   void place_joints(SensorPath& path, const std::map<int, int>& places,
                     const SampleLayout& sample) const;

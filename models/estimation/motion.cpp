@@ -133,8 +133,8 @@ bool Motion::walk(const PlacedSample& s, const VectorXd& state, Scratch& scratch
   const std::vector<SensorPath>& paths = s.layout->paths;
   for (size_t w = 0; w < paths.size(); ++w) {
     const SensorPath& path = paths[w];
-    if (w == 0 || path.clock != paths[w - 1].clock) {
-      motions(s, path.clock, state, scratch);
+    if (w == 0 || path.clock != paths[w - 1].clock || path.line >= 0 || paths[w - 1].line >= 0) {
+      motions(s, path, state, scratch);
       if (layout_.rig.elasticity) {
         if (!bend_joints(s, state, scratch)) return false;
         if (derivatives) differentiate(*layout_.rig.elasticity->skeleton, scratch.bent);
@@ -175,15 +175,21 @@ bool Motion::bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& 
   return true;
 }
 
-/// Motions of all joints of the sample and their readings with errors, at the time of a sensor.
-void Motion::motions(const PlacedSample& s, int clock, const VectorXd& state,
+/// Motions of all joints of the sample and their readings with errors, at the time of what a path
+/// leads to.
+void Motion::motions(const PlacedSample& s, const SensorPath& path, const VectorXd& state,
                      Scratch& scratch) const {
   const Sample& sample = layout_.recorded[s.index];
   scratch.sample = &sample;
-  const double later = clock >= 0 ? state(layout_.table.all[clock].start) : 0;
+  const bool late = path.clock >= 0 || path.line >= 0;
+  double later = path.clock >= 0 ? state(layout_.table.all[path.clock].start) : 0;
+  if (path.line >= 0) {
+    scratch.row = s.views[path.of_view].z()[1];
+    later += scratch.row * state(layout_.table.all[path.line].start);
+  }
   const auto reading = [&](int j) {
     scratch.reading[j] = sample.readings[j];
-    if (clock >= 0) scratch.reading[j] += later * stated(sample.conditions.rates, j);
+    if (late) scratch.reading[j] += later * stated(sample.conditions.rates, j);
     if (!s.layout->noisy.empty()) {
       const auto it = std::find(s.layout->noisy.begin(), s.layout->noisy.end(), j);
       if (it != s.layout->noisy.end())
@@ -272,12 +278,12 @@ double Motion::by_column(const MotionColumns& column, const VectorXd& state,
   const double reading = scratch.reading[j];
   const Conditions& at = scratch.sample->conditions;
   if (column.source == Source::error) return by_reading_of(layout_.rig, j, column.by, reading, own);
-  if (column.source == Source::time_offset) {
+  if (column.source == Source::time_offset || column.source == Source::line_time) {
     double out = 0;
     for_each_reading(layout_.rig, j, [&](int by) {
       out += by_reading_of(layout_.rig, j, by, reading, own) * stated(at.rates, by);
     });
-    return out;
+    return column.source == Source::line_time ? scratch.row * out : out;
   }
   return by_own_number(
       layout_.rig, j, column.number, [&](int i) { return scratch.reading[i]; }, own, at);

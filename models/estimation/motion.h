@@ -29,6 +29,7 @@ struct alignas(kCacheLine) Scratch {
   std::vector<Pose> motion;        // by joint
   std::vector<Pose> moved;         // by joint: origin * motion, parent_T_child
   const Sample* sample = nullptr;  // whose motions these are
+  double row = 0;                  // of the image, at whose time they are
   std::vector<double> reading;     // by joint, error included
   BentPosture bent;                // where joints bend
   MatrixXd by_delta;
@@ -109,7 +110,8 @@ class Motion {
   }
   double by_column(const MotionColumns& column, const VectorXd& state,
                    const Scratch& scratch) const;
-  void motions(const PlacedSample& s, int clock, const VectorXd& state, Scratch& scratch) const;
+  void motions(const PlacedSample& s, const SensorPath& path, const VectorXd& state,
+               Scratch& scratch) const;
   bool bend_joints(const PlacedSample& s, const VectorXd& state, Scratch& scratch) const;
   bool bends(int joint) const {
     return layout_.rig.elasticity && layout_.rig.elasticity->skeleton->index[joint] >= 0;

@@ -107,7 +107,7 @@ void Rows::view_input(const PlacedView& v, const VectorXd& state, Scratch& scrat
   in.points = &points;
   in.ids = v.layout->ids.data();
   in.count = static_cast<int>(v.layout->ids.size());
-  in.z = v.view->z.data();
+  in.z = v.z();
   in.sigma = v.view->sigma.data();
 }
 

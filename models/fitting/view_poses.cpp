@@ -185,7 +185,7 @@ std::vector<Pose> proposals_of_all(const Rig& rig, const ParameterTable& table,
     const Matrix3Xd xy1 =
         seen_directions(rig, table, values, view, static_cast<int>(ids.size()), keep);
     const Pose base_T_sensor =
-        Configuration(rig, table, values, sample.readings, sample.conditions, view.sensor)
+        Configuration(rig, table, values, sample.readings, sample.conditions, time_of(rig, view))
             .base_T_link(sensor.link) *
         get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
     for (size_t i = 0; i < keep.size(); ++i) {
@@ -228,7 +228,7 @@ Matrix3Xd scanned_points(const Rig& rig, const ParameterTable& table, const Vect
   Matrix3Xd out(3, static_cast<Eigen::Index>(view.z.size() / 3));
   for (Eigen::Index i = 0; i < out.cols(); ++i) {
     const double* z = view.z.data() + 3 * i;
-    out.col(i) = Configuration(rig, table, values, readings, sample.conditions, view.sensor)
+    out.col(i) = Configuration(rig, table, values, readings, sample.conditions, time_of(rig, view))
                      .with(sensor.scanning_joint, z[0])
                      .base_T_link(sensor.link) *
                  link_T_sensor * TiltingLaser::measured_point(z);
@@ -245,7 +245,7 @@ std::vector<Pose> proposals(const Rig& rig, const ParameterTable& table, const V
                        scanned_points(rig, table, values, sample, view))};
   }
   const Pose base_T_sensor =
-      Configuration(rig, table, values, sample.readings, sample.conditions, view.sensor)
+      Configuration(rig, table, values, sample.readings, sample.conditions, time_of(rig, view))
           .base_T_link(sensor.link) *
       get_pose(values, table.all[table.sensor_pose[view.sensor]].start);
   std::vector<Pose> out;

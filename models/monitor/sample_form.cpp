@@ -88,7 +88,7 @@ Pose SampleForm::base_T_sensor(size_t view) const {
   const Sample& sample = samples_->front();
   const int sensor = sample.views[view].sensor;
   const Configuration at(recording_.rig, recording_.table, values_.shared, sample.readings,
-                         sample.conditions, sensor);
+                         sample.conditions, time_of(recording_.rig, sample.views[view]));
   Pose base_T_link;
   for (const PathStep& step : to_sensors_[view]) {
     Pose base_T_joint, base_T_next;

@@ -3,11 +3,14 @@
 //
 //     position = model(q) + backlash * approach + temperature * (T - T0)
 //              + sum_N (c1 cos(N q) + c2 sin(N q) + c3 cos(2 N q) + c4 sin(2 N q))
-//              + sum_o coupling_o * q_o,                          q = reading + rate * time_offset,
+//              + sum_o coupling_o * q_o,         q = reading + rate * (time_offset + row *
+//              line_time),
 //
 // time_offset (s) of the sensor whose view it is: how much later than the readings the sensor
 // measured. Everything between the sensor and its target, and between a sensor of a free target and
-// the base, is where it was then. T is the sample's temperature, T0 = 20 degrees, N a gear ratio of
+// the base, is where it was then. A camera with a rolling shutter sees each point at the time of
+// its row, line_time (s) after the row before: time_offset is that of row 0, and `row` the measured
+// v of the point. T is the sample's temperature, T0 = 20 degrees, N a gear ratio of
 // the joint (the ripple of its gear), q_o the reading of a joint that it is coupled to
 // (models/joints/joint_model.h has the model). A condition that a sample does not state adds
 // nothing. The parameters of these terms are the joint's own numbers behind those of its model, in

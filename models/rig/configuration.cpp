@@ -49,6 +49,14 @@ Pose Configuration::a_T_b(int a, int b) const {
   return a_T_from;
 }
 
+MeasuringTime time_of(const Rig& rig, const View& view) {
+  MeasuringTime out{view.sensor};
+  if (!rig.sensors[view.sensor].line_time || view.z.empty()) return out;
+  for (size_t i = 1; i < view.z.size(); i += 2) out.row += view.z[i];
+  out.row /= static_cast<double>(view.z.size()) / 2;
+  return out;
+}
+
 std::vector<int> joints_between(const Rig& rig, int a, int b, int except) {
   std::vector<int> out;
   for (const PathStep& step : find_path(rig.tree, a, b)) {

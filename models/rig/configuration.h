@@ -16,22 +16,33 @@
 
 namespace kincal {
 
+/// A MeasuringTime is that of a sensor, of a camera with a rolling shutter that of a row of its
+/// image; sensor -1: that of the readings.
+struct MeasuringTime {
+  int sensor = -1;
+  double row = 0;
+};
+/// Returns the time of a view; with a rolling shutter that of the mean row of its points.
+MeasuringTime time_of(const Rig& rig, const View& view);
+
 /// A Configuration refers to its inputs, so it must not outlive them. It is cheap to make and to
 /// copy.
 class Configuration {
  public:
   /// `readings` are by joint index, in rad or m. NaN means absent, which matters only if the joint
-  /// is queried. `clock` is the sensor at whose time everything is, -1: that of the readings.
+  /// is queried. `at` is the time at which everything is.
   Configuration(const Rig& rig, const ParameterTable& table, const VectorXd& values,
                 const std::vector<double>& readings, const Conditions& conditions = no_conditions(),
-                int clock = -1)
+                const MeasuringTime& at = {})
       : rig_(&rig),
         table_(&table),
         values_(&values),
         readings_(&readings),
         conditions_(&conditions) {
-    if (clock >= 0 && table.time_offset[clock] >= 0)
-      later_ = values(table.all[table.time_offset[clock]].start);
+    if (at.sensor >= 0 && table.time_offset[at.sensor] >= 0)
+      later_ = values(table.all[table.time_offset[at.sensor]].start);
+    if (at.sensor >= 0 && table.line_time[at.sensor] >= 0)
+      later_ += at.row * values(table.all[table.line_time[at.sensor]].start);
     if (rig.elasticity) bend_joints();
   }
 

@@ -219,6 +219,9 @@ ParameterTable::ParameterTable(const Rig& rig)
                               ? add(ParameterKind::time_offset, s, prefix + "time_offset", {""},
                                     {"s"}, {*sensor.time_offset})
                               : -1);
+    line_time.push_back(sensor.line_time ? add(ParameterKind::line_time, s, prefix + "line_time",
+                                               {""}, {"s"}, {*sensor.line_time})
+                                         : -1);
   }
   for (size_t t = 0; t < rig.targets.size(); ++t) {
     const Target& target = rig.targets[t];
@@ -289,6 +292,9 @@ Rig centred(Rig rig) {
           break;
         case ParameterKind::time_offset:
           rig.sensors[p.owner].time_offset = nominal.numbers[0];
+          break;
+        case ParameterKind::line_time:
+          rig.sensors[p.owner].line_time = nominal.numbers[0];
           break;
         case ParameterKind::compliance:
         case ParameterKind::load:

@@ -30,6 +30,7 @@ enum class ParameterKind {
   range_offset,
   own_number,
   time_offset,  // of a sensor
+  line_time,    // of a camera
   target_pose,
   square,
   warp,
@@ -90,7 +91,7 @@ struct ParameterTable {
   std::vector<int> compliance, load;  // by joint, where joints bend
   std::vector<int> sensor_pose;       // by sensor
   std::vector<int> sensor_block;      // by sensor: its first own block; blocks follow one another
-  std::vector<int> time_offset;       // by sensor
+  std::vector<int> time_offset, line_time;  // by sensor
   std::vector<int> target_pose, target_square, target_warp, target_print,
       target_points;                            // by target
   std::vector<int> sensor_mount, target_mount;  // the calibrated mount: its pose, or

@@ -94,7 +94,8 @@ struct Sensor {
                                            // with these; empty: it is stated
   int scanning_joint = -1;                 // of a scanning sensor
   std::optional<double> time_offset = {};  // s (conditions.h); none: no parameter
-  int image_width = 0, image_height = 0;   // of a camera, 0: unknown
+  std::optional<double> line_time = {};   // s a row, of a camera (conditions.h); none: no parameter
+  int image_width = 0, image_height = 0;  // of a camera, 0: unknown
 };
 
 /// A Payload is a mass on a link that the robot carries in the samples that name it.

@@ -62,7 +62,8 @@ using K = ParameterKind;
 //   with as much fold points over (usual). xi and alpha of fisheyes are known to that, too; a chip
 //   stands straight to a degree (rad: tau).
 // time_offset: clocks of one computer are right to milliseconds; a picture is stamped when it
-//   arrives, exposure and transfer too late.
+//   arrives, exposure and transfer too late. line_time: chips read out 500 to 2,000 rows in 5 to
+//   30 ms; data sheets state it to some percent.
 // square, baseline: a ruler over some squares is right to 1 % (width); 3 % off, it was not
 // measured. print: printers stretch paper by some tenths of a percent; none of 1,000 boards to
 // scale
@@ -103,6 +104,7 @@ constexpr ScaleRow kScaleRows[] = {
     {K::own_number,   "px",  no,     0.05_n,  10_n,   no,    no,     no,     no,   no,     no},
     {K::own_number,   "",    no,     0.05_n,  0.01_n, no,    no,     no,     no,   no,     no},
     {K::time_offset,  "s",   10_ms,  20_ms,   10_ms,  no,    no,     no,     no,   no,     no},
+    {K::line_time,    "s",   1e-5_n, 3e-5_n,  1e-5_n, no,    no,     no,     no,   no,     no},
     {K::square,       "m",   1_pc,   1_pc,    1_pc,   no,    no,     0.5_pc, 3_pc, 1.5_pc, 25_pc},
     {K::warp,         "m",   0.5_mm, 2_mm,    1_mm,   no,    no,     no,     no,   no,     no},
     {K::print,        "",    0.002_n, 0.01_n, 0.001_n, no,  no,     no,     no,   no,     no},

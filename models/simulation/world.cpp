@@ -36,7 +36,7 @@ Conditions draw_conditions(const Rig& rig, std::uint64_t seed, int k) {
     out.payload =
         static_cast<int>(draws.uniform() * static_cast<double>(rig.payloads.size() + 1)) - 1;
   if (std::none_of(rig.sensors.begin(), rig.sensors.end(),
-                   [](const Sensor& s) { return s.time_offset.has_value(); }))
+                   [](const Sensor& s) { return s.time_offset || s.line_time; }))
     return out;
   out.rates.resize(joints, 0);
   for (size_t j = 0; j < joints; ++j)
@@ -191,6 +191,26 @@ bool World::scan(const Sample& robot, const SensorTarget& view, const Pose& base
   return true;
 }
 
+/// Points in the frame of a camera and their pixels, each at the time of its row. In: both at the
+/// time of row 0.
+bool World::roll(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
+                 Matrix3Xd& p_sensor, std::vector<double>& z) const {
+  constexpr int kRounds = 8;  // the motion within an image is a small part of it
+  const auto [sensor, target] = view;
+  std::vector<double> pixel;
+  for (Eigen::Index i = 0; i < p_sensor.cols(); ++i)
+    for (int round = 0; round < kRounds; ++round) {
+      const Configuration then = at(robot, sensor, z[2 * i + 1]);
+      const Pose where =
+          rig_.targets[target].link >= 0 ? then.base_T_target(target) : base_T_target;
+      p_sensor.col(i) =
+          inverse(then.base_T_sensor(sensor)) * (where * Vector3d(points_[target].col(i)));
+      if (!predict(sensor, p_sensor.col(i), pixel, nullptr)) return false;
+      std::copy(pixel.begin(), pixel.end(), z.begin() + 2 * i);
+    }
+  return true;
+}
+
 /// Numbers of a view without noise. False, and why, where the target is not seen whole.
 bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
                  bool any_side, std::vector<double>& z, std::string& why) const {
@@ -213,9 +233,10 @@ bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base
   if (kind == MeasurementKind::rays && !any_side &&
       !front_shows(view.second, inverse(sensor_T_target).translation))
     return why = "its front is turned away", false;
-  const Matrix3Xd p_sensor =
+  Matrix3Xd p_sensor =
       (sensor_T_target.rotation * points_[view.second]).colwise() + sensor_T_target.translation;
-  if (!predict(view.first, p_sensor, z, nullptr))
+  if (!predict(view.first, p_sensor, z, nullptr) ||
+      (s.line_time && !roll(robot, view, base_T_target, p_sensor, z)))
     return why = kind == MeasurementKind::rays ? "a point is behind the camera"
                                                : "a point has no measurement",
            false;

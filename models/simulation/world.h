@@ -74,9 +74,9 @@ class World {
   }
 
  private:
-  /// The robot when a sensor measures.
-  Configuration at(const Sample& robot, int sensor) const {
-    return Configuration(rig_, table_, truth_, robot.readings, robot.conditions, sensor);
+  /// The robot when a sensor measures, a camera at a row of its image.
+  Configuration at(const Sample& robot, int sensor, double row = 0) const {
+    return Configuration(rig_, table_, truth_, robot.readings, robot.conditions, {sensor, row});
   }
   Pose base_T_sensor(const Sample& robot, int sensor, double scan_reading = 0) const {
     return at(robot, sensor)
@@ -93,6 +93,8 @@ class World {
             std::vector<double>& z, std::string& why) const;
   bool scan(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
             std::vector<double>& z) const;
+  bool roll(const Sample& robot, const SensorTarget& view, const Pose& base_T_target,
+            Matrix3Xd& p_sensor, std::vector<double>& z) const;
   bool inside(int sensor, const Eigen::Matrix3Xd& p_sensor, const std::vector<double>& pixels,
               std::string& why) const;
   bool predict(int sensor, const Eigen::Matrix3Xd& p_sensor, std::vector<double>& z,

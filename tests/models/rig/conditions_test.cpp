@@ -3,10 +3,11 @@
 //
 // Proves: every derivative of an Estimation of the nasty robot with backlash, temperatures,
 // ripples, couplings and time offsets, column by column and the errors of readings one by one, with
-// followers, a scanning joint, stiff and bending, in samples with and without conditions;
-// derivatives of a frame by readings that are coupled; residuals of simulated samples (simulation
-// walks by Configuration) are noise at the truth, and are not without each term. Does not prove:
-// that gears and clocks are so; what the automatic path keeps (tests/program/conditions_test.py).
+// followers, a scanning joint, rolling shutters, stiff and bending, in samples with and without
+// conditions; derivatives of a frame by readings that are coupled; residuals of simulated samples
+// (simulation walks by Configuration) are noise at the truth, and are not without each term. Does
+// not prove: that gears and clocks are so; what the automatic path keeps
+// (tests/program/conditions_test.py).
 #include "../../../models/rig/conditions.h"
 
 #include <catch2/catch.hpp>
@@ -56,6 +57,10 @@ Rig late_robot(bool bends) {
   for (Sensor& sensor : rig.sensors)
     if (sensor.model->measurement_kind() != MeasurementKind::chain)
       sensor.time_offset = random.uniform(-0.02, 0.02);
+  Random rolling(14);
+  for (Sensor& sensor : rig.sensors)
+    if (sensor.model->measurement_kind() == MeasurementKind::rays)
+      sensor.line_time = rolling.uniform(-3e-5, 3e-5);
   if (!bends) return rig;
   rig.base = rig.tree.root;
   rig.elasticity = nominal_elasticity(rig);
@@ -96,9 +101,10 @@ TEST_CASE("conditions: every derivative of an estimation") {
     EstimationSetup setup;
     setup.noise = NoiseMode::latent;
     setup.sensors = all_sensors(s.rig);
-    setup.free = freed(s.table, {"joint/*/backlash", "joint/*/temperature", "joint/*/ripple",
-                                 "joint/*/coupling", "sensor/*/time_offset", "joint/*/offset",
-                                 "joint/*/scale", "joint/flange/origin", "joint/pan/origin"});
+    setup.free = freed(
+        s.table, {"joint/*/backlash", "joint/*/temperature", "joint/*/ripple", "joint/*/coupling",
+                  "sensor/*/time_offset", "sensor/*/line_time", "joint/*/offset", "joint/*/scale",
+                  "joint/flange/origin", "joint/pan/origin"});
     Estimation problem(s, s.training(), setup);
     problem.set_workers(1);
     const VectorXd state = problem.pack(s.values);
@@ -114,13 +120,15 @@ TEST_CASE("conditions: every derivative of an estimation") {
       INFO("column " << k << " " << name << " bends " << bends);
       CHECK((analytic.j.col(k) - numeric.col(k)).norm() <= 1e-6 * numeric.col(k).norm() + 1e-5);
       if (numeric.col(k).norm() > 0)
-        for (const char* one : {"backlash", "temperature", "ripple", "coupling", "time_offset"})
+        for (const char* one :
+             {"backlash", "temperature", "ripple", "coupling", "time_offset", "line_time"})
           touched[one] += name.find(one) != std::string::npos;
     }
     CHECK(touched["backlash"] + touched["time_offset"] > 8);
     CHECK(touched["temperature"] == 5);
     CHECK(touched["ripple"] == 16);
     CHECK(touched["coupling"] == 4);
+    CHECK(touched["line_time"] >= 2);
   }
 }
 
@@ -208,6 +216,60 @@ TEST_CASE("conditions: simulated samples fit at the truth, with what they state 
   known = rig;
   known.joints[1].terms.coupling = {0};
   CHECK(chi2_per_row() > 1000);
+}
+
+TEST_CASE("conditions: a rolling shutter sees each point at the time of its row") {
+  Rig rig;
+  const std::string hand = add_arm(rig, 1e-5);
+  const Pose ahead = {(Matrix3d() << 0, 0, 1, -1, 0, 0, 0, -1, 0).finished(), {0.05, 0, 0}};
+  const int camera = add_camera(rig, "camera", hand, ahead, Lens::pinhole, {}, 0, 0.1);
+  const bool mounted = GENERATE(true, false);
+  add_grid(rig, "board", 5, 7, 0.03, mounted ? "base" : "", {Matrix3d::Identity(), {1, 0, 0.5}});
+  rig.sensors[camera].time_offset = 2e-3;
+  rig.sensors[camera].line_time = 3e-5;
+  const ParameterTable table(rig);
+  SimulationOptions options;
+  options.samples = 30;
+  const Simulation made = simulate(rig, table, table.initial, options);
+  REQUIRE(made.samples.size() == 30);
+  Values values;
+  values.shared = table.initial;
+  values.targets = made.targets;
+  Rig known = rig;
+  const auto residuals = [&](NoiseMode noise) {
+    const Recording recording(known, made.samples);
+    EstimationSetup setup;
+    setup.noise = noise;
+    setup.sensors = {camera};
+    Estimation problem(recording, recording.training(), setup);
+    Values now = values;
+    now.shared = recording.table.initial;
+    const VectorXd state = problem.pack(now);
+    problem.renew(state);
+    return problem.residuals(state);
+  };
+  const auto chi2_per_row = [&](NoiseMode noise) {
+    double sum = 0, rows = 0;
+    for (const ViewResiduals& view : residuals(noise)) {
+      sum += view.whitened.squaredNorm();
+      rows += static_cast<double>(view.whitened.size());
+    }
+    return sum / rows;
+  };
+  const std::vector<ViewResiduals> views = residuals(NoiseMode::latent);
+  CHECK(views.size() == made.samples.size());  // one of each view, with all of its points
+  for (const ViewResiduals& view : views) {
+    CHECK(view.raw.size() == 2 * 35);
+    CHECK(view.whitened.size() == 2 * 35);
+    CHECK((view.whitened * 0.1 - view.raw).norm() < 1e-9);
+  }
+  CHECK(chi2_per_row(NoiseMode::latent) < 1.3);  // pixels, and readings to 0.01 mrad
+  CHECK(chi2_per_row(NoiseMode::point) < 1.1);
+  CHECK_THROWS_WITH(residuals(NoiseMode::marginal), Catch::Contains("latent, point, none"));
+  known.sensors[camera].line_time = 0;
+  CHECK(chi2_per_row(NoiseMode::latent) > 20);
+  known.sensors[camera].line_time.reset();
+  CHECK(chi2_per_row(NoiseMode::latent) > 20);
 }
 
 }  // namespace conditions_test
