@@ -34,40 +34,6 @@ struct Before {
   MatrixXd known;
 };
 
-/// After a calibration of the samples.
-Before after_samples(const RigFile& rig_file, const SampleSet& samples,
-                     const PlanSettings& settings, const Progress& progress) {
-  CalibrateSettings calibrate;
-  calibrate.words = settings.words;
-  calibrate.no_report = true;
-  Job job = make_job(rig_file, samples, calibrate);
-  const Report report = run(job, calibrate, false, progress.in("calibrating"));
-  const Solution& solution = report.solution;
-  if (!solution.usable())
-    throw InputError(samples.path + ": no plan can be made from a failed calibration: " +
-                     (solution.message.empty() ? "see `kincal calibrate`" : solution.message));
-  Before out;
-  out.recording = solution.recording;
-  out.setup = solution.setup;
-  Unknowns unknowns = last_unknowns(linearise(solution));
-  unknowns.columns = solution.columns;
-  out.robot = {&out.recording->rig, &out.recording->table, solution.values.shared,
-               std::move(unknowns)};
-  for (const Sample& sample : solution.samples()) out.stood.push_back(sample.readings);
-  std::vector<Sample> training;
-  std::map<std::pair<int, int>, Pose> targets;
-  for (const int i : solution.training()) {
-    for (auto it = solution.values.targets.lower_bound({i, -1});
-         it != solution.values.targets.end() && it->first.first == i; ++it)
-      targets[{static_cast<int>(training.size()), it->first.second}] = it->second;
-    training.push_back(solution.samples()[i]);
-  }
-  out.known = known_before(out.robot, out.setup);
-  add_information(sample_rows(out.robot, out.setup, std::move(training), targets, progress),
-                  out.known);
-  return out;
-}
-
 /// Of a rig alone: its values count, and what its steps (without: the automatic path) would free
 /// with samples such as these.
 Before before_samples(const RigFile& rig_file, std::vector<Sample> samples,
@@ -116,6 +82,25 @@ Before after_calibration(const KnownRobot& result) {
   out.robot = {&out.recording->rig, &out.recording->table, calibrated.values, std::move(own)};
   out.known = known_after(out.robot, out.setup, unknowns);
   return out;
+}
+
+/// After a calibration of the samples.
+Before after_samples(const RigFile& rig_file, const SampleSet& samples,
+                     const PlanSettings& settings, const Progress& progress) {
+  CalibrateSettings calibrate;
+  calibrate.words = settings.words;
+  calibrate.no_report = true;
+  Job job = make_job(rig_file, samples, calibrate);
+  const Report report = run(job, calibrate, false, progress.in("calibrating"));
+  const Solution& solution = report.solution;
+  if (!solution.usable())
+    throw InputError(samples.path + ": no plan can be made from a failed calibration: " +
+                     (solution.message.empty() ? "see `kincal calibrate`" : solution.message));
+  KnownRobot known{{&solution.rig(), &solution.table(), solution.values.shared,
+                    last_unknowns(linearise(solution))},
+                   {}};
+  for (const Sample& sample : solution.samples()) known.stood.push_back(sample.readings);
+  return after_calibration(known);
 }
 
 void refuse_open_poses(const RigFile& rig_file, const ParameterTable& table) {

@@ -273,7 +273,8 @@ struct PredictingRobot {
 VerifiedView verified_view(const PredictingRobot& robot, const Sample& sample, const View& view,
                            const MeasuredPoint& what, const std::string& place) {
   const Rig& rig = robot.rig;
-  const Configuration at(rig, robot.table, robot.values, sample.readings);
+  const Configuration at(rig, robot.table, robot.values, sample.readings, sample.conditions,
+                         time_of(rig, view));
   const Pose sensor_T_target =
       inverse(at.base_T_sensor(view.sensor)) * at.base_T_target(view.target);
   VerifiedView out;

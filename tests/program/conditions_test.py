@@ -1,11 +1,12 @@
 """What positions depend on beside the reading, through the program: python3 conditions_test.py SOURCE_DIR KINCAL [TEST ...]
 
 An arm of five joints and a tracker of its hand, simulated with `backlash` and `time_offset` of the true robot's rig. Proves: the automatic path finds both from `approach` and `rates`, within
-4 sigmas of the truth, and temperatures, a ripple (also of a ratio that the rig does not state) and a coupling as well; the written rig gives the same errors in `evaluate` and is its own input; a robot without any gets none; steps estimate them; without conditions they are
+4 sigmas of the truth, and temperatures, a ripple (also of a ratio that the rig does not state), a coupling and the line time of a rolling shutter as well; the written rig gives the same errors in `evaluate`, `verify` goes by the conditions of its samples, and the rig is its own input; a robot without any gets none; steps estimate them; without conditions they are
 unobservable, by name; mistakes are named with line, field and valid values. Not proved: how often a term is found that is not there (docs/results.md).
 """
 import json
 import os
+import re
 import subprocess
 import sys
 import unittest
@@ -93,6 +94,12 @@ class Conditions(Folder):
             self.near(result, "joint/%s/backlash" % joint, PLAY[joint])
         self.near(result, "sensor/tracker/time_offset", CLOCK)
         self.assertFalse(os.path.exists(self.path("found", "rig_rigid.yaml")))
+        self.kincal("simulate", "true.yaml", "--samples", "40", "--seed", "8", "--out", "later", "--quiet")
+        later = [json.loads(line) for line in self.read("later", "samples.jsonl").splitlines()]
+        self.write("bare.jsonl", "".join(json.dumps({k: v for k, v in s.items() if k not in ("approach", "rates")}) + "\n" for s in later))
+        positions = [json.loads(self.kincal("verify", "found", samples, "--json"))["after"]["position"]["rms"] for samples in (self.path("later", "samples.jsonl"), "bare.jsonl")]
+        self.assertLess(positions[0], 2e-4)
+        self.assertGreater(positions[1], 10 * positions[0])
         evaluated = json.loads(self.kincal("evaluate", self.path("found", "rig.yaml"), "samples.jsonl", "--json"))
         held_out = result["sensors"]["tracker"]["test"]["rms_as_read"]
         self.assertAlmostEqual(evaluated["sensors"]["tracker"]["test"]["rms_as_read"], held_out, delta=1e-2 * held_out)
@@ -194,6 +201,32 @@ class Conditions(Folder):
         self.assertIn("no sample states the approach of joint 'a'", said)
         self.assertIn("state `approach` in the samples, or fix joint/a/backlash", said)
         self.assertIn("sensor/tracker/time_offset", json.dumps(self.result("bare")["unobservable"]))
+
+    def test_rolling_shutter(self):
+        row = 2.5e-5
+        camera = ("format: kincal/1\nrobot: robot.urdf\nbase: base\ntargets:\n  board: {type: chessboard, rows: 5, columns: 7, square: 0.04, mount: {link: base%s}}\n"
+                  "sensors:\n  camera: {type: camera, link: hand%s, model: pinhole, intrinsics: [600, 600, 320, 240], image_size: [640, 480], line_time: %g, sigma: 0.1}\n"
+                  "joints: {\"*\": {sigma: 0.0001}}\n%s")
+        self.write("true.yaml", camera % (", pose: {xyz: [0.9, 0.1, 0.1], rpy: [0, 0, 0]}", ", pose: {xyz: [0.02, 0, 0.05], rpy: [-1.5, 0.1, -1.6]}", row, ""))
+        self.kincal("simulate", "true.yaml", "--samples", "60", "--seed", "3", "--out", "made", "--quiet")
+        steps = "estimate:\n  - {step: all, free: [sensor/camera/pose, target/board/pose, sensor/camera/line_time]}\n"
+        for name, more in (("automatic", ""), ("steps", steps)):
+            self.write("rig.yaml", camera % ("", "", 0, more))
+            self.kincal("calibrate", "rig.yaml", self.path("made", "samples.jsonl"), "--out", name, "--no-report")
+            result = self.result(name)
+            self.assertEqual(result["verdict"]["use"], "good")
+            self.near(result, "sensor/camera/line_time", row)
+            found = result["parameters"]["sensor/camera/line_time"]["value"]
+            written = re.search("line_time: (.*)", self.read(name, "rig.yaml"))
+            self.assertEqual(float(written[1]), found[0] if isinstance(found, list) else found)
+        for entry, said in (("line_time: 1.0", "sensors.camera.line_time: seconds from one row of the image to the next are expected, 0.001 at most"),
+                            ("line_time: slow", "sensors.camera.line_time: a finite number is expected, not 'slow'")):
+            self.write("wrong.yaml", (camera % ("", "", row, "")).replace("line_time: %g" % row, entry))
+            run = self.run_kincal("check", "wrong.yaml", self.path("made", "samples.jsonl"))
+            self.assertEqual(run.returncode, 1, run.stdout)
+            self.assertIn(said, run.stderr)
+        self.write("wrong.yaml", RIG % (", line_time: 1.0e-05", "", ""))
+        self.assertIn("line_time", self.run_kincal("check", "wrong.yaml", self.path("made", "samples.jsonl")).stderr)
 
     def test_mistakes(self):
         samples = self.recorded(PLAY, None)

@@ -137,6 +137,23 @@ class Plan(unittest.TestCase):
         for own, others in zip(of_result["forecast"], more["forecast"]):
             self.assertAlmostEqual(own["planned"] / others["planned"], 1, delta=0.05)
 
+    def test_undetermined_zeros(self):
+        """Without steps: what the samples do not determine counts, whether the plan is after samples or after their result, and no posture helps against it."""
+        with open(self.path("bare.yaml"), "w") as f:
+            f.write(RIG[:RIG.index("estimate:")])
+        run("simulate", self.rig, "--samples", "40", "--seed", "3", "--out", self.path("bare"), "--force", "--quiet", *SPREAD)
+        samples = self.path("bare/samples.jsonl")
+        run("calibrate", self.path("bare.yaml"), samples, "--out", self.path("bare_result"), "--force", "--quiet", "--no-report")
+        goal = ["--next", "3", "--candidates", "300", "--goal", "frame/flange<0.3mm"]
+        after_samples, _ = self.plan(samples, *goal, rig=self.path("bare.yaml"), code=4)
+        after_result, _ = self.plan(*goal, rig=self.path("bare_result"), code=4)
+        first = [told["forecast"][0]["planned"] for told in (after_samples, after_result)]
+        self.assertGreater(first[0], 1e-3)
+        self.assertLess(abs(first[0] / first[1] - 1), 0.05)
+        for told in (after_samples, after_result):
+            self.assertIsNone(told["needed"])
+            self.assertGreater(told["floor"]["error"], 0.9 * first[0])
+
     def test_goal(self):
         told, _ = self.plan("--next", "10", "--candidates", "200", "--goal", "frame/flange<3mm")
         self.assertEqual(told["tolerance"], 0.003)
