@@ -680,8 +680,9 @@ FURTHER = ("backlash", "compliance", "coupling", "curve", "load", "ripple", "tem
 
 
 def further(result):
-    """Parameters of bending, curves and conditions: no robot here has any, and the model of this script has none."""
-    return sorted(n for n in result["parameters"] if n.rpartition("/")[2] in FURTHER)
+    """Parameters of bending, curves, conditions and gears: no robot here has any, and the model of this script has none."""
+    gears = [g["group"] for g in result.get("automatic", ()) if g["group"] == "gears" and not g.get("held")]
+    return sorted(n for n in result["parameters"] if n.rpartition("/")[2] in FURTHER) + gears
 
 
 def value(result, parameter, size=1):

@@ -213,7 +213,7 @@ def moved(values, parameter, index, step):
     if parameter.endswith("/pose"):
         out[parameter] = values[parameter] @ base.exp(step * np.eye(6)[index])
         return out
-    size = {"origin": 6, "compliance": 3, "load": 3}.get(parameter.rpartition("/")[2], 1)
+    size = {"curve": 96, "origin": 6, "ripple": 4, "compliance": 3, "load": 3}.get(parameter.rpartition("/")[2], 1)
     out[parameter] = np.array(values.get(parameter, np.zeros(size)), float)
     out[parameter][index] += step
     return out

@@ -294,6 +294,19 @@ void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
   }
 }
 
+/// Tries gears of other ratios: the last, for what bends or ripples goes with the angle as well.
+void add_gears(Model& model, Calibrated& best, FurtherRecord& record) {
+  if (!is_among(best.fit.groups.further, kGears) || is_among(model.options.begin.further, kGears))
+    return;
+  model.options.progress.stage(kGears);
+  const auto with = [&](const std::vector<std::string>& groups) {
+    Model out = model;
+    out.options.begin.further.insert(out.options.begin.further.end(), groups.begin(), groups.end());
+    return out;
+  };
+  add_together({kGears}, with, model, best, record);
+}
+
 /// Weighs other lenses of cameras, and adds their change of the other parameters to the prediction.
 void weigh_lenses(Calibrated& best) {
   Prediction& prediction = *best.found.solution.prediction;
@@ -352,6 +365,7 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
       search_ripples(model, best, record);
     } while (
         add_to_joints(kCouplingOf, with_coupling, model, best, record));  // (it hid the others)
+    add_gears(model, best, record);
     if (best.found.solution.prediction) weigh_lenses(best);
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 #include <stdexcept>
+#include <utility>
 
 #include "../../solver/decompositions.h"
 #include "../joints/joint_models.h"
@@ -59,7 +60,11 @@ FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
       for (Member& m : *members) m.component.parameter = places[m.component.parameter];
   for (std::vector<Member>* members : {&out.groups.stated, &out.groups.gears})
     for (Member& m : *members) m.component.parameter = places[m.component.parameter];
-  out.groups.groups.push_back({"gears", std::move(out.groups.gears), {}});
+  std::vector<Member> gears = std::exchange(out.groups.gears, {});
+  if (std::any_of(model.groups.begin(), model.groups.end(),
+                  [](const WidthGroup& g) { return g.name == kGears; }))
+    gears.clear();
+  out.groups.groups.push_back({kGears, std::move(gears), {}});
   out.groups.groups.insert(out.groups.groups.end(), model.groups.begin(), model.groups.end());
   out.values = values_in(fit, *model.recording);
   out.factor.conservativeResizeLike(

@@ -14,6 +14,7 @@
 //   ripple/NAME         of a joint whose gear ratios the rig states, or the data (ripple_search.h)
 //   curve/NAME          of a joint that turns
 //   coupling/NAME       of a joint that turns to the readings of those next to it
+//   gears               scales of all joints but scanning ones, together
 //
 // They stand in for each other (a bent arm's error goes with the angles as well), so the order
 // matters: what has a physical reason goes first.
@@ -22,7 +23,7 @@
 // more than the rig states, that: outliers or a joint that was homed anew are no curve), the groups
 // of the further model are freed in the data's quadratic model, each alone with a learned width
 // (from its start and from ten times that: the evidence has local maxima; widths.h), beside gears,
-// which are the simpler reason for an error that grows with the angle and stay to be told. One that
+// which are the simpler reason for an error that grows with the angle. One that
 // gains evidence is added, the largest gain first, if samples that the fit lacks (rig/folds.h) fit
 // better with it: evidence alone takes it for what goes with these postures only. With those
 // everything is calibrated again, noise and all, and those that lose their evidence on the way are

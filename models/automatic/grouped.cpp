@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <stdexcept>
+#include <utility>
 
 #include "../fitting/fit.h"
 #include "guessed_noise.h"
@@ -80,12 +81,21 @@ AutomaticGroups groups_of(const Recording& recording, const AutomaticOptions& op
                   members.end());
   };
   drop(out.stated);
+  const auto is_among_further = [&](const std::string& name) {
+    return std::count(further.begin(), further.end(), name) > 0;
+  };
+  if (!out.gears.empty()) {
+    if (is_among_further(kGears))
+      out.groups.push_back({kGears, std::exchange(out.gears, {}), {}});
+    else
+      out.further.emplace_back(kGears);
+  }
   const bool added = recording.rig.elasticity && recording.rig.elasticity->added;
   for (WidthGroup& g : out.groups) {
     drop(g.members);
     drop(g.unseen);
     if (!(added && is_bending(g.name)) && g.name != kMarkers) continue;
-    if (std::count(further.begin(), further.end(), g.name)) continue;
+    if (is_among_further(g.name)) continue;
     out.further.push_back(g.name);
     g = WidthGroup();
   }
@@ -190,7 +200,6 @@ struct Learned {
   WidthProblem problem;
   Widths widths;
   std::vector<UncheckedScale> unchecked;
-  std::vector<OtherModel> other_models;
   EstimationSetup setup;                       // of the last fit
   std::shared_ptr<const Recording> recording;  // with the noise that was found
   double noise_factor = 1;
@@ -198,23 +207,18 @@ struct Learned {
   DataProblem data;  // at the last fit, of that recording
 };
 
-/// What the gears that were not asked for say at a fit without them: the gain of their group, and
-/// with the boards' squares which lengths nothing checks.
+/// Which lengths nothing checks, as boards' squares and gears say, at a fit without these.
 void judge_scales(const Recording& recording, const Fit& fit, const AutomaticGroups& groups,
                   Learned& out) {
   FitWidths with{out.problem, out.columns};
   VectorXd factor = out.widths.factor;
   if (!groups.gears.empty()) {
     AutomaticGroups all = groups;
-    all.groups.push_back({"gears", groups.gears, {}});
+    all.groups.push_back({kGears, groups.gears, {}});
     with = width_problem(recording, data_problem(recording, fit.problem->setup(), fit.values, all),
                          all);
     factor.conservativeResize(factor.size() + 1);
     factor(factor.size() - 1) = 1;
-    const Widths widths = learn_widths(with.problem, factor, kWidthRounds);
-    if (!widths.defined) return;
-    out.other_models.push_back(
-        other_gears(evidence_gain(with.problem, widths, with.problem.groups - 1)));
   }
   VectorXd sigma = VectorXd::Zero(with.problem.at.size());
   for (Eigen::Index i = 0; i < sigma.size(); ++i) {
@@ -611,8 +615,6 @@ Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& o
   for (const OtherModel& other : out.other_models)
     if (other.moved.size() > 0)
       cover_change(other.moved, other.probability(), solution.prediction->covariance);
-  out.other_models.insert(out.other_models.end(), learned.other_models.begin(),
-                          learned.other_models.end());
   add_gauges(solution, out.gauges, *solution.prediction);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, selection, others, solution);

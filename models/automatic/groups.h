@@ -20,14 +20,14 @@
 //   scan scales, scan offsets  of a laser's joint
 //   shapes                     of joint models
 //   prints, warps, marker points, compliance, compliance across, loads, backlash, time offsets,
-//   temperature, ripple/NAME, curve/NAME, coupling/NAME
+//   temperature, ripple/NAME, curve/NAME, coupling/NAME, gears
 //                              of boards; of targets that are points; of joints that bend, of
 //                              joints whose direction of approach the samples state, of sensors
 //                              that measured while joints moved, of joints where the samples state
 //                              different temperatures, and of one that turns: cycles of a gear
 //                              whose ratio the rig states, its error over its angle, shares of the
-//                              readings of the next joints; tried after all others (further.h)
-//   gears                      scales of all others; only on request
+//                              readings of the next joints, scales of all but scanning joints;
+//                              tried after all others, or on request (further.h)
 //
 // A run is an unbranched row of joints. All components of their origins are members, except motion
 // along the joint's own axis (the offset has it) and fixed joints below which nothing moves (the
@@ -67,7 +67,7 @@ struct AutomaticGroups {
                                    // frame
   std::vector<WidthGroup> groups;
   std::vector<Member> stated;        // with a prior in the rig, whose width is kept
-  std::vector<Member> gears;         // of the group of this name, if it was not requested
+  std::vector<Member> gears;         // of the group of this name, if it does not exist yet
   std::vector<std::string> further;  // groups that do not exist yet, to be tried (further.h)
 };
 
@@ -91,6 +91,7 @@ inline const char* const kTemperature = "temperature";
 inline const char* const kPrints = "prints";
 inline const char* const kWarps = "warps";
 inline const char* const kMarkers = "marker points";
+inline const char* const kGears = "gears";
 inline const std::string kRippleOf = "ripple/", kCurve = "curve/", kCouplingOf = "coupling/";
 inline bool is_bending(const std::string& group) {
   return group == kCompliance || group == kComplianceAcross || group == kLoads;
@@ -105,7 +106,7 @@ inline bool is_of_joint(const std::string& group) {
 /// Returns whether a group is one that moves the robot where it stands: a URDF needs corrected
 /// readings then.
 inline bool corrects_readings(const std::string& group) {
-  return is_bending(group) || group == kTemperature || is_of_joint(group);
+  return is_bending(group) || group == kTemperature || group == kGears || is_of_joint(group);
 }
 inline bool is_further(const std::string& group) {
   return corrects_readings(group) || group == kBacklash || group == kTimeOffsets ||

@@ -18,8 +18,7 @@ constexpr double kTold = 5;        // sigmas of a length that may be wrong alone
 constexpr double kOwnWidth = 10;   // times the starting width, to begin with
 
 // Log odds beforehand, against the groups as they are.
-const double kArmScale = std::log(0.01), kLength = std::log(0.1), kPrior = std::log(0.1),
-             kGears = std::log(0.01);
+const double kArmScale = std::log(0.01), kLength = std::log(0.1), kPrior = std::log(0.1);
 
 bool measures_lengths(const Sensor& sensor) {
   const MeasurementKind kind = sensor.model->measurement_kind();
@@ -259,14 +258,6 @@ bool some_suit_no_size(const Recording& recording, const FitWidths& at, const Ve
       return true;
   }
   return false;
-}
-
-OtherModel other_gears(double gain) {
-  OtherModel out;
-  out.kind = NoticeKind::gears;
-  out.value = gain;
-  out.log_odds = kGears + gain;
-  return out;
 }
 
 std::vector<const OtherModel*> told_models(const std::vector<OtherModel>& all, NoticeKind kind) {

@@ -6,7 +6,6 @@
 //   link_length  only one length of the arm is wrong; with sizes: instead of boards' spacings or
 //                baselines that were estimated as changed
 //   prior        a prior in the rig is too narrow
-//   gears        scales of joints that were not estimated are not as stated
 //   intrinsics   a camera has another lens (other_lens.h)
 //
 // Common factor. Lengths l_i of the URDF have errors x_i ~ N(0, t^2) (groups.h). With a factor 1 +
@@ -43,7 +42,7 @@ namespace kincal {
 
 /// An OtherModel is one of these. `where` has: for arm_scale the sensors that measure lengths; for
 /// link_length the length, then the sizes; for prior the prior; for intrinsics the
-/// camera; for gears nothing.
+/// camera.
 struct OtherModel : Alternative {
   double value = 0, sigma = 0;  // arm_scale: the factor; prior: of its width
   VectorXd moved;               // link_length in place of sizes: m, by unknown
@@ -58,8 +57,6 @@ std::vector<OtherModel> other_models(const Recording& recording, const FitWidths
 /// Whether the measurements of some sensor would also suit a robot of no size: a chain's, whose
 /// hand is where the readings have it, and points at the sensor itself, as of a ball in a socket.
 bool some_suit_no_size(const Recording& recording, const FitWidths& at, const VectorXd& initial);
-/// Returns the model of other gears; `gain` is its gain of log evidence.
-OtherModel other_gears(double gain);
 /// Returns the models of a kind to report.
 std::vector<const OtherModel*> told_models(const std::vector<OtherModel>& all, NoticeKind kind);
 

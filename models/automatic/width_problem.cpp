@@ -80,14 +80,17 @@ FitWidths width_problem(const Recording& recording, const DataProblem& at,
                    std::vector<int>(columns.size(), -1),
                    static_cast<int>(groups.groups.size()),
                    {},
+                   {},
                    {}};
   std::map<std::pair<ParameterKind, std::string>, int> kinds;
   for (const WidthGroup& group : groups.groups) {
     out.known.push_back(group.width_known);
     const std::vector<Member>& some = group.members.empty() ? group.unseen : group.members;
     out.alike.push_back(-1);
+    out.apart.push_back(0);
     if (some.empty()) continue;
     const Component& c = some.front().component;
+    out.apart.back() = recording.table.all[c.parameter].kind == ParameterKind::joint_offset;
     const auto next = static_cast<int>(kinds.size());
     out.alike.back() =
         kinds.insert({{recording.table.all[c.parameter].kind, recording.table.unit(c)}, next})

@@ -314,11 +314,13 @@ OtherWidths other_widths(const WidthProblem& p, const Widths& widths, const ByOt
                  f2 = (2 * by).array().exp(), d = 1 - f2.array().inverse();
   const double best = std::log(widths.factor(group));
   // The log evidence with widths exp(b) times the best, against that.
+  const double share = p.is_apart(group) ? kNominal / (1 + kNominal) : 0;
+  const VectorXd nominal = (-square.array() / (2 * prior.array())).exp() / prior.array().sqrt();
   const auto log_evidence = [&](double b) {
     const double gone = 1 - std::exp(-2 * b);
-    const VectorXd left = 1 - gone * prior.array();
-    return 0.5 * (gone * square.array() / left.array() - left.array().log()).sum() -
-           static_cast<double>(members.size()) * b;
+    const Eigen::ArrayXd left = 1 - gone * prior.array(),
+                         own = (gone * square.array() / (2 * left) - b).exp() / left.sqrt();
+    return ((1 - share) * own + share * nominal.array()).log().sum();
   };
   VectorXd weight(by.size());  // 1 at the best widths
   const double from = best - expected.mean(group);
@@ -395,7 +397,7 @@ Selection hold(const WidthProblem& p, const Widths& widths) {
     }
     if (least < 0 || !(out.gain(least) < kEvidence)) break;
     out.whole[least] = 1;
-    if (told(least))
+    if (told(least) && !p.is_apart(least))
       out.probability(least) =
           1 / (1 + kNominal * std::exp(-out.gain(least)) / others[least].average);
     put_to_0(members_of(p, least), out.probability(least));

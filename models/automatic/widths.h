@@ -35,6 +35,9 @@
 // (With odds of two to one, 4.8 % of 563 fixed components were beyond three sigmas, for robots with
 // errors in all components; with one to four 1.1 %. For robots that match the drawing, predicted
 // errors are a quarter larger with the latter.)
+// Members that are set one by one, as zeros of joints are: that one is nominal says nothing of the
+// others. P is 1, and a direction that the data determine counts in the evidence of widths as
+// (1 - p) e + p e_0, p = 1/5 of the same odds, e_0 its evidence at the nominal value.
 // Several groups are fixed one after the other, each given the earlier ones. P = 1 for components
 // that the data do not determine (share below a tenth): single ones of a kept group, and whole
 // groups.
@@ -84,6 +87,9 @@ struct WidthProblem {
   std::vector<int> alike = {};   // by group: alike with those of the same value; -1 or beyond the
                                  // end: with none
 
+  std::vector<char> apart = {};  // by group: its members are set one by one; beyond the end: not
+
+  bool is_apart(int k) const { return k < static_cast<int>(apart.size()) && apart[k]; }
   bool learns(int k) const { return k >= static_cast<int>(known.size()) || !known[k]; }
 };
 

@@ -110,7 +110,6 @@ void scale(const Rig& before, AcceptedHypothesis& accepted, Rig& rig) {
 
 Notice word(const Hypothesis& h, const Evidence& evidence) {
   Notice finding = make_notice(h.kind, h.where, h.mistake, evidence.sentences, h.cure);
-  finding.estimated = h.estimated;
   finding.chi2_as_is = evidence.before;
   finding.chi2_corrected = evidence.after;
   return finding;
@@ -418,9 +417,8 @@ std::vector<Notice> ordered(std::vector<Notice> by_fits, std::vector<Notice> by_
     return f.chi2_as_is && f.chi2_corrected ? *f.chi2_as_is / std::max(1e-300, *f.chi2_corrected)
                                             : kInfinity;
   };
-  std::stable_sort(by_fits.begin(), by_fits.end(), [&](const Notice& a, const Notice& b) {
-    return std::make_pair(a.estimated, -ratio(a)) < std::make_pair(b.estimated, -ratio(b));
-  });
+  std::stable_sort(by_fits.begin(), by_fits.end(),
+                   [&](const Notice& a, const Notice& b) { return ratio(a) > ratio(b); });
   const auto share = [](const Notice& f, const Notice& g) {
     return std::any_of(f.where.begin(), f.where.end(), [&](const Subject& w) {
       return std::count(g.where.begin(), g.where.end(), w) > 0;

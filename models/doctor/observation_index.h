@@ -65,9 +65,8 @@ struct Hypothesis {
   /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An
   /// empty function: `mistake` and `cure` stand as they are.
   std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told = {};
-  bool rarer = false;      // than other mistakes
-  bool estimated = false;  // as of a Notice
-  int rescaled = -1;       // sensor whose measured numbers undo() multiplies by `factor`
+  bool rarer = false;  // than other mistakes
+  int rescaled = -1;   // sensor whose measured numbers undo() multiplies by `factor`
   double factor = 1;
 };
 

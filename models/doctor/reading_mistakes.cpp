@@ -170,20 +170,17 @@ void add_joint_orders(const Rig& rig, const std::vector<Sample>& samples,
   }
 }
 
-/// The name of the same thing on the other side; "": it has no side.
-std::string other_side(const std::string& name) {
-  static const std::pair<const char*, const char*> sides[] = {
-      {"left", "right"}, {"Left", "Right"}, {"LEFT", "RIGHT"}, {"LARM", "RARM"}};
+/// The joint whose name has the other side in one place; -1: there is none.
+int other_side(const Tree& tree, const std::string& name) {
+  static const std::pair<std::string, std::string> sides[] = {
+      {"left", "right"}, {"Left", "Right"}, {"LEFT", "RIGHT"}, {"l", "r"}, {"L", "R"}};
   for (const auto& side : sides)
     for (const auto& [here, there] : {side, std::pair(side.second, side.first)})
-      if (const size_t at = name.find(here); at != std::string::npos)
-        return std::string(name).replace(at, std::string(here).size(), there);
-  for (const auto& [here, there] : {std::pair('l', 'r'), {'r', 'l'}, {'L', 'R'}, {'R', 'L'}}) {
-    if (name.size() > 1 && name[0] == here && name[1] == '_') return there + name.substr(1);
-    if (name.size() > 1 && name.back() == here && name[name.size() - 2] == '_')
-      return name.substr(0, name.size() - 1) + there;
-  }
-  return "";
+      for (size_t at = name.find(here); at != std::string::npos; at = name.find(here, at + 1))
+        if (const int found = tree.find_joint(std::string(name).replace(at, here.size(), there));
+            found >= 0)
+          return found;
+  return -1;
 }
 
 void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples,
@@ -192,12 +189,11 @@ void add_exchanged_arms(const Rig& rig, const std::vector<Sample>& samples,
   Subjects where;
   for (const auto& range : observations.ranges) {
     const int a = range.first;
-    const std::string other = other_side(rig.tree.joints[a].name);
-    const int b = other.empty() ? -1 : rig.tree.find_joint(other);
+    const int b = other_side(rig.tree, rig.tree.joints[a].name);
     if (b <= a || !observations.ranges.count(b)) continue;
     // (A sample that has one arm only gets the other's readings.)
     pairs.push_back({a, b});
-    where.insert(where.end(), {Subject::joint(rig.tree.joints[a].name), Subject::joint(other)});
+    for (const int j : {a, b}) where.push_back(Subject::joint(rig.tree.joints[j].name));
   }
   if (pairs.size() < 2) return;
   if (!std::all_of(pairs.begin(), pairs.end(),

@@ -275,7 +275,6 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
   }
   for (const auto& group : groups) {
     Hypothesis h{NoticeKind::rectified};
-    h.estimated = !group.first;  // a lens that the rig leaves open
     std::string names;
     for (int s : group.second) {
       h.where.push_back(Subject::sensor(rig.sensors[s].name));
@@ -292,9 +291,8 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
                  return find_block(rig.sensors[s], ParameterKind::distortion) != nullptr;
                })) {
       h.mistake = "the lens of camera " + names + " distorts, but its distortion is 0 in the rig";
-      h.cure = "free " + listed(h.free) +
-               " (calibrate does where the rig has no estimate), write the lens into the rig, or "
-               "detect in rectified images";
+      h.cure =
+          "free " + listed(h.free) + ", write the lens into the rig, or detect in rectified images";
     } else {
       h.mistake = "the images of camera " + names + " are raw, but the rig gives no distortion";
       h.cure =

@@ -19,6 +19,13 @@ using Samples = std::vector<Sample>;
 
 // ------------------------------------------------------------------------------------------------
 // what is freed
+/// Whether the rig has a lens for a camera, and no value of its distortion: `init` writes 0.
+bool is_lens_open(const Sensor& sensor) {
+  const ParameterBlock* lens = find_block(sensor, ParameterKind::distortion);
+  return lens &&
+         std::all_of(lens->values.begin(), lens->values.end(), [](double k) { return k == 0; });
+}
+
 /// The recording with usual steps, for a rig without any: nothing is taken as known.
 Recording with_usual_steps(const Recording& recording) {
   Rig rig = recording.rig;
@@ -37,6 +44,13 @@ Recording with_usual_steps(const Recording& recording) {
       joints.insert({rig.sensors[v.sensor].mount_joint, rig.targets[v.target].mount_joint});
   for (const int j : joints)
     if (j >= 0) step.free.push_back("joint/" + rig.tree.joints[j].name + "/origin");
+  const double lens = scales(ParameterKind::distortion, "").width;
+  for (const Sensor& sensor : rig.sensors)
+    if (is_lens_open(sensor)) {
+      const std::string name = "sensor/" + sensor.name + "/distortion";
+      step.free.push_back(name);
+      step.priors.push_back({name, lens, lens, false, name});
+    }
   rig.steps = {step};
   step.name = "offsets";
   step.free.push_back("joint/*/offset");

@@ -233,9 +233,6 @@ const Row kRows[] = {
      kDirections},
     {NK::rescaled, "rescaled", Severity::remark,
      "A target's size came out off by more than 1.5 %, or a focal length by more than 20 %."},
-    {NK::gears, "gears", Severity::doubt,
-     "Automatic path: the data require other gear ratios (odds of 99), which were not estimated; "
-     "predicted errors do not include them."},
     {NK::outside_image, "outside_image", Severity::remark,
      "Points lie outside of the image, which reaches from -0.5 to width - 0.5 and height - 0.5.",
      kSpoils},

@@ -86,7 +86,6 @@ enum class NoticeKind {
   prior,
   sigma,
   rescaled,
-  gears,
   outside_image,
   few_data,
   undefined,
@@ -147,7 +146,6 @@ struct Notice {
   // Of mistakes proved by fits: chi2 with the mistake (none: that fit cannot start) and without.
   std::optional<double> chi2_as_is = {}, chi2_corrected = {};
   std::optional<NoticeKind> cause = {};  // the finding that this one refers to
-  bool estimated = false;      // its parameter is estimated, so it is no mistake: listed last
   std::string otherwise = {};  // another action, or if the cure does not help; like cure; or ""
 };
 

@@ -15,22 +15,6 @@ namespace {
 
 constexpr double kOneFactor = 1.001;  // shares of what was stated that differ by less are the same
 
-/// Joints whose noise may be a gear of another ratio: nothing else was free to take that up.
-std::string doubted_gears(const Report& report) {
-  for (const AutomaticGroup& group : report.automatic)
-    if (group.name == "gears") return "";
-  std::string list;
-  for (const NoiseLevel& level : report.noise_levels)
-    if (level.joint >= 0 && level.guess == 0 && level.used >= kNoisy * level.assumed &&
-        report.solution.rig().tree.joints[level.joint].has_reading())
-      list +=
-          (list.empty() ? "'" : ", '") + report.solution.rig().tree.joints[level.joint].name + "'";
-  return list.empty() ? ""
-                      : ". " + list +
-                            " may have a wrong gear ratio, which looks like noise: `group` gears "
-                            "estimates it";
-}
-
 std::string level_name(const NoiseLevel& level) {
   return level.of + (level.part.empty() ? "" : " " + level.part);
 }
@@ -160,7 +144,7 @@ std::vector<std::string> stated_noise_texts(const Report& report, Subjects& wher
           ", and no mistake explains this",
       "sigmas were estimated from the data, and the rig of the result has these. Are they "
       "plausible? " +
-          all + doubted_gears(report)};
+          all};
 }
 
 /// Noise that nobody states, as it was found: each level with the interval that has it with 95 %.
@@ -281,10 +265,11 @@ void warn_of_trends(const Report& report, Notices& out) {
                   : "an effect that the rig does not model: a gear, sag, bending or play") +
           ". It is counted as noise, so the sigmas of the result are too small even if chi2/dof is "
           "near 1: errors may be several sigmas, most of all away from the recorded postures",
-      flange ? "record the joint readings and calibrate with the robot's URDF, so that its zeros "
-               "are estimated too, or set the robot's zeros again"
-             : "estimate the effects that the rig can express (gears: `group` gears; error curves: "
-               "`model: curve`), and look for bending or loose parts"));
+      flange
+          ? "record the joint readings and calibrate with the robot's URDF, so that its zeros "
+            "are estimated too, or set the robot's zeros again"
+          : "estimate the effects that the rig can express (gears: `joint/*/scale`; error curves: "
+            "`model: curve`), and look for bending or loose parts"));
   out.back().otherwise = "otherwise use the result only near the recorded poses";
 }
 
@@ -395,11 +380,10 @@ void warn_of_noise(const Report& report, Notices& out) {
     const bool lacks = taken_for_noise(report);
     noise.cure = lacks ? "state the noise in the rig, if joints and sensors are that noisy"
                        : "state the known noise in the rig";
-    noise.otherwise =
-        lacks ? "otherwise the robot has errors that are not estimated (gears: `group` gears; "
-                "play, bending, late readings, a sensor error), and sigmas are too small" +
-                    noisiest_words(report)
-              : "if that of the joints is right: " + sensors_as_seen(report);
+    noise.otherwise = lacks ? "otherwise the robot has errors that are not estimated (play, "
+                              " bending, late readings, a sensor error), and sigmas are too small" +
+                                  noisiest_words(report)
+                            : "if that of the joints is right: " + sensors_as_seen(report);
     if (lacks && neighbours_err_alike(report.solution.samples(), report.residuals.after))
       say_no_noise(noise);
   }

@@ -83,9 +83,7 @@ std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
 /// Whether a group came out so much worse than usual that it may take a mistake up, or a number or
 /// a sensor's turn so far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
-  return !mistaken_numbers(report).empty() ||
-         !told_models(report.other_models, NoticeKind::gears).empty() ||
-         is_a_sensor_turned(report.solution) ||
+  return !mistaken_numbers(report).empty() || is_a_sensor_turned(report.solution) ||
          std::any_of(report.automatic.begin(), report.automatic.end(), is_unusual);
 }
 
@@ -272,7 +270,7 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
                  g.gain) +
             "To estimate them anyway, free each by name (`free`), for example " +
             g.numbers[0].name);
-      } else if (!g.held && g.name != "gears") {
+      } else if (!g.held && g.name != kGears) {
         report.solution.without_effect.push_back(
             "`group` " + quoted(g.name) +
             " has no effect: this group is always tried, and was estimated");
@@ -283,9 +281,9 @@ void say_groups_without_effect(const GroupChoice& choice, Report& report) {
 /// A message where groups of further models were asked for and the data speak for none of them.
 void say_no_further(const GroupChoice& choice, Report& report) {
   const Tree& tree = report.solution.rig().tree;
-  std::vector<std::string> further = {kCompliance,  kComplianceAcross, kLoads,  kBacklash,
-                                      kTimeOffsets, kTemperature,      kPrints, kWarps,
-                                      kMarkers};
+  std::vector<std::string> further = {
+      kCompliance,  kComplianceAcross, kLoads, kBacklash, kTimeOffsets,
+      kTemperature, kPrints,           kWarps, kMarkers,  kGears};
   for (const Joint& joint : tree.joints)
     for (const std::string& kind : {kRippleOf, kCurve, kCouplingOf})
       further.push_back(kind + joint.name);

@@ -44,15 +44,6 @@ void warn_of_other_models(const Report& report, Notices& out) {
           "",
           "measure a known distance with it; if the result is right, measure a link, and correct "
           "the URDF"));
-  for (const OtherModel* gears : told_models(all, NoticeKind::gears))
-    if (!report.unexplained)
-      out.push_back(make_notice(NoticeKind::gears, {},
-                                text("the data give evidence for wrong gear ratios (log evidence "
-                                     "%.0f), which were not estimated",
-                                     gears->value),
-                                "predicted errors may be too small",
-                                "estimate them (`group` gears), unless an inaccurate board or "
-                                "repeated readings cause the same effect"));
   for (const OtherModel* lens : told_models(all, NoticeKind::intrinsics)) {
     const std::vector<Sensor>& sensors = report.solution.rig().sensors;
     const Sensor& camera = *std::find_if(sensors.begin(), sensors.end(), [&](const Sensor& s) {

@@ -392,16 +392,17 @@ sensors:
                     p = result["parameters"][name]
                     self.assertLess(abs(p["value"][0] - value), 4 * p["sigma"][0], name)
 
-    def test_gears_that_were_left_out(self):
-        """Gears are estimated only when asked for; that the data speak for them is said, and only then."""
+    def test_gears(self):
+        """Gears that are not as stated are estimated, with what a URDF loses by that; gears as stated are not."""
         gears = {"joint/j%d/scale" % j: 1 + 2e-3 * (-1) ** j for j in range(1, 7)}
         result = self.estimated(gears)
-        self.assertEqual(result["verdict"]["use"], "doubts")
-        told = [w["text"] for w in result["warnings"] if w["id"] == "gears"]
-        self.assertEqual(len(told), 1)
-        self.assertIn("estimate them (--group gears)", told[0])
-        self.assertNotIn("gears", [w["id"] for w in self.estimated(gears, options=("--group", "gears"))["warnings"]])
-        self.assertNotIn("gears", [w["id"] for w in self.estimated(self.OFFSETS)["warnings"]])
+        kept = lambda r: [g["group"] for g in r["automatic"] if not g["held"]]
+        self.assertIn("gears", kept(result))
+        for name, value in gears.items():
+            p = result["parameters"][name]
+            self.assertLess(abs(p["value"][0] - value), 4 * p["sigma"][0], name)
+        self.assertIn("joint_model", [w["id"] for w in result["warnings"]])
+        self.assertNotIn("gears", kept(self.estimated(self.OFFSETS)))
 
     def test_a_group_that_is_far_off(self):
         """A joint that was mounted a fifth of a radian off is found, and that this is unusual is said."""

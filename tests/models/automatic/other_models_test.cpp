@@ -1,7 +1,7 @@
 // models/automatic/other_models: what is told of other models of the same data.
 //
 // Proves: a model is told from odds of 99 on, unless one of another kind is likelier by more than
-// 9; a length in place of sizes is told where it is as likely as they are; gears have prior odds.
+// 9; a length in place of sizes is told where it is as likely as they are.
 // Does not prove: that the evidence of the models is right (newcomer_test.py, mistakes_test.py and
 // automatic_test.py plant each of them and find it).
 #include "../../../models/automatic/other_models.h"
@@ -29,7 +29,7 @@ TEST_CASE("other models: told by their odds") {
   const OtherModel scale = model(NoticeKind::arm_scale, 100);
   CHECK(told_models({scale}, NoticeKind::arm_scale).size() == 1);
   CHECK(told_models({model(NoticeKind::arm_scale, 98)}, NoticeKind::arm_scale).empty());
-  CHECK(told_models({scale}, NoticeKind::gears).empty());
+  CHECK(told_models({scale}, NoticeKind::intrinsics).empty());
   SECTION("not where another kind is likelier by far") {
     CHECK(told_models({scale, model(NoticeKind::link_length, 800)}, NoticeKind::arm_scale).size() ==
           1);
@@ -46,10 +46,8 @@ TEST_CASE("other models: told by their odds") {
   }
 }
 
-TEST_CASE("other models: probabilities and prior odds") {
+TEST_CASE("other models: probabilities") {
   CHECK(model(NoticeKind::link_length, 3).probability() == Approx(0.75));
-  CHECK(other_gears(10).log_odds == Approx(10 - std::log(100)));
-  CHECK(other_gears(10).value == 10);
 }
 
 }  // namespace other_models_test

@@ -6,6 +6,7 @@
 // and when there is none; the derivative of evidence and hyperprior; that learning ends where it
 // vanishes; the gain of a group, alone and given those held before; the second moment of what is
 // held against solving with it fixed; that a group of which the data say nothing keeps its width;
+// that one nominal member narrows others only where they are not set one by one;
 // that a mixture is covered (its share beyond two sigmas, in each direction), and that root second
 // moments cover the errors of a group of six numbers whatever its true width. Does
 // not prove: anything of a nonlinear problem, nor of several groups or of numbers that the data
@@ -413,6 +414,29 @@ TEST_CASE("widths: a group of which the data say nothing keeps its width, in its
       CHECK(selection.inflation(1) == Approx(2.56 * 2.56).epsilon(0.01));
     }
   }
+}
+
+TEST_CASE("widths: of members set one by one, one that is nominal says nothing of another") {
+  const double start = 50;  // sigmas of the measurement
+  const auto width_of_other = [&](double measured, bool apart) {
+    MatrixXd a(1, 2);
+    a << 1, 0;
+    Linear l(a, VectorXd::Constant(1, measured), VectorXd::Zero(2), VectorXd::Constant(2, start),
+             {0, 0}, 1);
+    if (apart) l.problem.apart = {1};
+    const Widths widths = learn_widths(l.problem, VectorXd::Ones(1), 100);
+    REQUIRE(widths.defined);
+    const Selection selection = hold(l.problem, widths);
+    CHECK(selection.held[1]);
+    return std::sqrt(selection.second_moment(1, 1)) / start;
+  };
+  CHECK(width_of_other(0, false) < 0.6);  // it follows the one that was measured
+  CHECK(width_of_other(0, true) > 1);
+  CHECK(width_of_other(0, true) < 2.56);  // 2.56: nothing was measured
+  CHECK(width_of_other(start, true) > 1);
+  CHECK(width_of_other(start, true) < 2.56);
+  // One that is off says the same of another, however they are set.
+  CHECK(width_of_other(start, true) == Approx(width_of_other(start, false)).epsilon(0.02));
 }
 
 TEST_CASE("widths: a mixture is covered as a normal error is, in each of its directions") {
