@@ -7,6 +7,7 @@
 #include <set>
 
 #include "../../models/rig/configuration.h"
+#include "../../models/rig/folds.h"
 #include "../../models/rig/geometry.h"
 #include "../../models/rig/numbers.h"
 #include "../../models/rig/targets.h"
@@ -20,10 +21,8 @@
 namespace kincal {
 namespace {
 
-constexpr double kSameSigmas = 5;      // of a difference of readings of one posture, at most
-constexpr double kSameReading = 1e-9;  // rad or m, of joints that are exact
-constexpr double kOnePlace = 0.2;      // of the calibration's extent
-constexpr double kSamePoint = 1e-3;    // m, between a frame and the point that is measured
+constexpr double kOnePlace = 0.2;    // of the calibration's extent
+constexpr double kSamePoint = 1e-3;  // m, between a frame and the point that is measured
 
 /// The views that count, by index of their sample.
 struct InstrumentViews {
@@ -114,17 +113,10 @@ std::vector<int> group_postures(const Rig& rig, const SampleSet& samples,
   const std::vector<int> joints = view_readings(rig, measured.sensor, measured.target);
   std::vector<const Sample*> first;
   std::vector<int> out;
-  const auto same = [&](const Sample& a, const Sample& b) {
-    return std::all_of(joints.begin(), joints.end(), [&](int j) {
-      const double most = std::max(
-          kSameReading, kSameSigmas * std::hypot(joint_sigma(rig, a, j), joint_sigma(rig, b, j)));
-      return std::abs(a.readings[j] - b.readings[j]) <= most;
-    });
-  };
   for (const auto& [i, view] : measured.views) {
     const Sample& sample = (*samples.samples)[i];
     size_t k = 0;
-    while (k < first.size() && !same(*first[k], sample)) ++k;
+    while (k < first.size() && !is_same_posture(rig, *first[k], sample, joints)) ++k;
     if (k == first.size()) first.push_back(&sample);
     out.push_back(static_cast<int>(k));
   }

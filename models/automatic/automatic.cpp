@@ -185,7 +185,7 @@ void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated
 
 /// Tries groups together, each on top of those with more evidence; calibrates with those that help,
 /// again without those that lose their evidence. `with` adds the models of groups; `chosen` is the
-/// ripple that was found, if it is one.
+/// ripple that was found, if it is one, and how unlikely what is tried was beforehand.
 void add_together(const std::vector<std::string>& names,
                   const std::function<Model(const std::vector<std::string>&)>& with, Model& model,
                   Calibrated& best, FurtherRecord& record, const FoundRipple& chosen = {}) {
@@ -294,6 +294,9 @@ void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
   }
 }
 
+/// Log odds that the gears of a robot are as stated: one robot of a hundred has another.
+const double kGearsRight = std::log(100);
+
 /// Tries gears of other ratios: the last, for what bends or ripples goes with the angle as well.
 void add_gears(Model& model, Calibrated& best, FurtherRecord& record) {
   if (!is_among(best.fit.groups.further, kGears) || is_among(model.options.begin.further, kGears))
@@ -304,7 +307,9 @@ void add_gears(Model& model, Calibrated& best, FurtherRecord& record) {
     out.options.begin.further.insert(out.options.begin.further.end(), groups.begin(), groups.end());
     return out;
   };
-  add_together({kGears}, with, model, best, record);
+  FoundRipple rare;  // as if it were chosen from a hundred groups, ninety-nine of them right
+  rare.log_candidates = kGearsRight;
+  add_together({kGears}, with, model, best, record, rare);
 }
 
 /// Weighs other lenses of cameras, and adds their change of the other parameters to the prediction.

@@ -19,7 +19,7 @@ using Eigen::Index;
 
 constexpr double kNoWeight = 1e-12;    // of the largest eigenvalue of W
 constexpr double kLarge = 1e3;         // "however many": nobody records all candidates so often
-constexpr double kOwnShare = 1e-9;     // of a variance: uncorrelated, so that there is an inverse
+constexpr double kIndependent = 1e-9;  // of a variance: uncorrelated, so that there is an inverse
 constexpr double kNamedEntries = 0.2;  // entries of a direction over its largest
 constexpr double kGain = 1e-3;         // an exchange that lowers the error by less is none
 constexpr double kTenth = 0.9;  // of the error: more samples that lower it by less are not worth it
@@ -299,7 +299,7 @@ MatrixXd known_after(const CalibratedRobot& robot, const EstimationSetup& setup,
   MatrixXd out = known_before(robot, setup);
   // (A prediction may know a combination exactly, as that of a zero and the pose that hides it.)
   MatrixXd covariance = calibration.covariance(from, from);
-  covariance.diagonal() *= 1 + kOwnShare;
+  covariance.diagonal() *= 1 + kIndependent;
   out(to, to) = inverse_of_symmetric(covariance);
   return out;
 }

@@ -44,6 +44,8 @@ Recording with_usual_steps(const Recording& recording) {
       joints.insert({rig.sensors[v.sensor].mount_joint, rig.targets[v.target].mount_joint});
   for (const int j : joints)
     if (j >= 0) step.free.push_back("joint/" + rig.tree.joints[j].name + "/origin");
+  rig.steps = {step};
+  step.name = "lenses";  // (after the poses: from far off a lens takes their errors up)
   const double lens = scales(ParameterKind::distortion, "").width;
   for (const Sensor& sensor : rig.sensors)
     if (is_lens_open(sensor)) {
@@ -51,7 +53,7 @@ Recording with_usual_steps(const Recording& recording) {
       step.free.push_back(name);
       step.priors.push_back({name, lens, lens, false, name});
     }
-  rig.steps = {step};
+  if (!step.priors.empty()) rig.steps.push_back(step);
   step.name = "offsets";
   step.free.push_back("joint/*/offset");
   const double off = scales(ParameterKind::joint_offset, "rad").usual;

@@ -381,7 +381,7 @@ void warn_of_noise(const Report& report, Notices& out) {
     noise.cure = lacks ? "state the noise in the rig, if joints and sensors are that noisy"
                        : "state the known noise in the rig";
     noise.otherwise = lacks ? "otherwise the robot has errors that are not estimated (play, "
-                              " bending, late readings, a sensor error), and sigmas are too small" +
+                              "bending, late readings, a sensor error), and sigmas are too small" +
                                   noisiest_words(report)
                             : "if that of the joints is right: " + sensors_as_seen(report);
     if (lacks && neighbours_err_alike(report.solution.samples(), report.residuals.after))

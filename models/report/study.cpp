@@ -72,11 +72,13 @@ std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
   std::set<std::string> out;
   for (const AutomaticGroup& g : report.automatic)
     for (const AutomaticNumber& n : g.numbers)
-      for (const Freed& f : table.select(n.name))
-        if (!g.held &&
-            std::abs(n.value) >
-                share * scales(table, {f.parameter, f.components[0]}, table.initial).mistaken)
+      for (const Freed& f : table.select(n.name)) {
+        const Scales off = scales(table, {f.parameter, f.components[0]}, table.initial);
+        const double wider =  // than usual: the scale of a tilting laser's joint
+            off.width < kInfinity ? n.width / (g.factor * off.width) : 1;
+        if (!g.held && std::abs(n.value) > share * wider * off.mistaken)
           out.insert(table.all[f.parameter].name);
+      }
   return out;
 }
 

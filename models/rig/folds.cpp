@@ -1,13 +1,16 @@
 #include "folds.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <map>
 #include <set>
 #include <stdexcept>
 
 #include "geometry.h"
+#include "numbers.h"
 #include "parameters.h"
+#include "recording.h"
 
 namespace kincal {
 namespace {
@@ -78,6 +81,55 @@ std::vector<char> placements(const Rig& rig, const std::vector<Sample>& samples)
 
 }  // namespace
 
+namespace {
+
+/// By sample: the first one of its posture.
+std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& samples) {
+  std::vector<int> out(samples.size()), joints;
+  for (size_t j = 0; j < rig.joints.size(); ++j)
+    if (rig.tree.joints[j].has_reading()) joints.push_back(static_cast<int>(j));
+  // The joint that moves most finds those that may be alike.
+  int widest = -1;
+  double most = 0;
+  for (const int j : joints) {
+    double low = kInfinity, high = -low;
+    for (const Sample& s : samples)
+      if (std::isfinite(s.readings[j]))
+        low = std::min(low, s.readings[j]), high = std::max(high, s.readings[j]);
+    if (high - low > most) most = high - low, widest = j;
+  }
+  std::multimap<double, int> postures;  // by that joint's reading
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const Sample& sample = samples[i];
+    out[i] = static_cast<int>(i);
+    const bool free = std::any_of(sample.views.begin(), sample.views.end(),
+                                  [&](const View& v) { return rig.targets[v.target].link < 0; });
+    if (widest < 0 || free || std::isnan(sample.readings[widest])) continue;
+    // (The window is more than five sigmas of a difference.)
+    const double reading = sample.readings[widest],
+                 window = std::max(most / 100, 8 * rig.joints[widest].sigma);
+    const auto end = postures.upper_bound(reading + window);
+    for (auto at = postures.lower_bound(reading - window);
+         at != end && out[i] == static_cast<int>(i); ++at)
+      if (is_same_posture(rig, samples[at->second], sample, joints)) out[i] = at->second;
+    if (out[i] == static_cast<int>(i)) postures.insert({reading, out[i]});
+  }
+  return out;
+}
+
+}  // namespace
+
+bool is_same_posture(const Rig& rig, const Sample& a, const Sample& b,
+                     const std::vector<int>& joints) {
+  constexpr double kSigmas = 5, kExact = 1e-9;  // of a difference; rad or m
+  return std::all_of(joints.begin(), joints.end(), [&](int j) {
+    if (std::isnan(a.readings[j]) || std::isnan(b.readings[j]))
+      return std::isnan(a.readings[j]) && std::isnan(b.readings[j]);
+    const double most = kSigmas * std::hypot(joint_sigma(rig, a, j), joint_sigma(rig, b, j));
+    return std::abs(a.readings[j] - b.readings[j]) <= std::max(kExact, most);
+  });
+}
+
 Blocks make_blocks(const Rig& rig, const std::vector<Sample>& samples) {
   const std::vector<char> placement = placements(rig, samples);
   // Placements of different sensors may meet in a sample: then they go together, under the name of
@@ -99,15 +151,21 @@ Blocks make_blocks(const Rig& rig, const std::vector<Sample>& samples) {
   }
   Blocks out;
   std::map<int, int> of_target;
-  for (const Sample& s : samples) {
+  const std::vector<int> posture = first_of_posture(rig, samples);
+  for (size_t i = 0; i < samples.size(); ++i) {
+    const Sample& s = samples[i];
     int target = -1;
     for (const View& v : s.views)
       if (placement[v.target]) target = find(v.target);
-    const int next = static_cast<int>(out.names.size());
-    const int block = target < 0 ? next : of_target.emplace(target, next).first->second;
+    const int next = static_cast<int>(out.names.size()), first = posture[i];
+    const int block = target >= 0                   ? of_target.emplace(target, next).first->second
+                      : first < static_cast<int>(i) ? out.of[first]
+                                                    : next;
     if (block == next) {
       out.names.push_back(target < 0 ? s.id : rig.targets[target].name);
       out.target.push_back(target >= 0);
+    } else if (target < 0 && !out.target[block]) {
+      out.names[block] = std::min(out.names[block], s.id);  // (whatever the order)
     }
     out.of.push_back(block);
   }

@@ -1,14 +1,15 @@
 // Blocks of data that are held out of a fit together, and their distribution to folds.
 //
-// Blocks. A block is held out as a whole: a sample; or, where a sensor's samples are spread
-// over several mounted targets of one rigid body whose poses some step estimates, one in each
-// sample (placements: a block of sockets put here and there), all samples of one target. If some
-// samples of a placement were in the fit, its pose would be determined already, and the others
-// would not show the error. Held out as a whole, its pose is estimated from its own samples when it
-// is judged (the formats' `held_out`). Targets on different bodies (a board in each hand) are no
-// placements: without one of them its whole arm would have no data. Nor is a target that is the
-// only one that some sensor sees on the body, or that has more than its pose estimated in some
-// step.
+// Blocks. A block is held out as a whole: the samples of one posture (readings that do not differ
+// by more than their noise; samples that see a free target are each their own); or, where a
+// sensor's samples are spread over several mounted targets of one rigid body whose poses some step
+// estimates, one in each sample (placements: a block of sockets put here and there), all samples of
+// one target. If some samples of a placement were in the fit, its pose would be determined already,
+// and the others would not show the error. Held out as a whole, its pose is estimated from its own
+// samples when it is judged (the formats' `held_out`). Targets on different bodies (a board in each
+// hand) are no placements: without one of them its whole arm would have no data. Nor is a target
+// that is the only one that some sensor sees on the body, or that has more than its pose estimated
+// in some step.
 //
 // Folds. Blocks are sorted by their views (names of sensors, and of targets that are no
 // placements) and, if that is equal, by a hash of their names, and dealt like cards to the K folds.
@@ -26,10 +27,15 @@
 
 namespace kincal {
 
+/// Returns whether readings of these joints are those of one posture: they differ by no more than
+/// five sigmas of a difference. Readings that both samples lack are equal.
+bool is_same_posture(const Rig& rig, const Sample& a, const Sample& b,
+                     const std::vector<int>& joints);
+
 /// Blocks are the units of data that are held out together.
 struct Blocks {
   std::vector<int> of;             // by sample
-  std::vector<std::string> names;  // by block: the sample's id, or the target's name
+  std::vector<std::string> names;  // by block: an id of its samples, or the target's name
   std::vector<char> target;        // by block: a placement
 };
 Blocks make_blocks(const Rig& rig, const std::vector<Sample>& samples);

@@ -75,7 +75,7 @@ constexpr ScaleRow kScaleRows[] = {
     // kind, unit; width, usual; yardstick, loose, open; least, mistaken, reported, far
     {K::joint_offset, "rad", 5_mrad, 50_mrad, 1_deg,  no,    no,     no,     no,   no,     0.25_n},
     {K::joint_offset, "m",   1_mm,   50_mm,   1_cm,   no,    no,     no,     no,   no,     25_cm},
-    {K::joint_scale,  "",    0.1_pc, 1_pc,    1_pc,   no,    no,     0.3_pc, no,   no,     25_pc},
+    {K::joint_scale,  "",    0.1_pc, 1_pc,    1_pc,   no,    no,     0.3_pc, 0.3_pc, no, 25_pc},
     {K::joint_shape,  "rad", no,     no,      1_deg,  no,    no,     no,     no,   no,     0.25_n},
     {K::joint_shape,  "m",   no,     no,      1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::joint_shape,  "",    no,     no,      0.01_n, no,    no,     no,     no,   no,     no},

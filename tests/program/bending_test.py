@@ -14,7 +14,7 @@ import unittest
 from helpers import Folder, revolute
 
 SOURCE_DIR = KINCAL = None
-RIGID = ["--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", "--no-group", "ripple/*", "--no-group", "coupling/*"]
+RIGID = ["--no-group", "compliance*", "--no-group", "loads", "--no-group", "curve/*", "--no-group", "ripple/*", "--no-group", "coupling/*", "--no-group", "gears"]
 RIG = """format: kincal/1
 robot: robot.urdf
 base: base
