@@ -94,7 +94,7 @@ std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& sam
   for (const int j : joints) {
     double low = kInfinity, high = -low;
     for (const Sample& s : samples)
-      if (std::isfinite(s.readings[j]))
+      if (!s.readings.empty() && std::isfinite(s.readings[j]))
         low = std::min(low, s.readings[j]), high = std::max(high, s.readings[j]);
     if (high - low > most) most = high - low, widest = j;
   }
@@ -104,7 +104,8 @@ std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& sam
     out[i] = static_cast<int>(i);
     const bool free = std::any_of(sample.views.begin(), sample.views.end(),
                                   [&](const View& v) { return rig.targets[v.target].link < 0; });
-    if (widest < 0 || free || std::isnan(sample.readings[widest])) continue;
+    if (widest < 0 || free || sample.readings.empty() || std::isnan(sample.readings[widest]))
+      continue;
     // (The window is more than five sigmas of a difference.)
     const double reading = sample.readings[widest],
                  window = std::max(most / 100, 8 * rig.joints[widest].sigma);
