@@ -3,11 +3,13 @@
 // Proves: targets on one rigid body, also over fixed joints, are placements; targets on different
 // bodies are not, whether steps free their poses or there are no steps yet, nor is one that is all
 // that a sensor sees of the body, nor one whose size or points a step frees: these are dealt by
-// sample. Neither a joint's nor a sensor's nor a target's only samples are held out. Does not
+// sample. Neither a joint's nor a sensor's nor a target's only samples are held out; those of one
+// posture are held out together. Does not
 // prove: how blocks are dealt and judged (validation_test.cpp).
 #include "../../../models/rig/folds.h"
 
 #include <catch2/catch.hpp>
+#include <cmath>
 #include <set>
 
 #include "../../fixtures/rigs.h"
@@ -170,6 +172,25 @@ TEST_CASE("folds: a joint's only samples are never held out") {
     samples.push_back(sample_of(2, 2, n));
   }
   CHECK(deal_folds(rig, samples, 3).held_out(-1) == std::vector<std::string>{"s2_12"});
+}
+
+TEST_CASE("folds: samples of one posture are held out together") {
+  Rig rig = two_arms();
+  place(rig, "in_left", "left_hand");
+  std::vector<Sample> samples = samples_of(rig, 12);
+  const double sigma = 1e-4;
+  for (JointSettings& joint : rig.joints) joint.sigma = sigma;
+  for (size_t i = 0; i < samples.size(); ++i)  // three of each posture, scattered by their noise
+    samples[i].readings.assign(
+        rig.joints.size(), 0.1 * static_cast<double>(i % 4) + sigma * static_cast<double>(i / 4));
+  const Blocks blocks = make_blocks(rig, samples);
+  CHECK(blocks.names.size() == 4);
+  for (size_t i = 0; i < samples.size(); ++i) CHECK(blocks.of[i] == blocks.of[i % 4]);
+  for (size_t i = 8; i < samples.size(); ++i)  // further apart than noise
+    for (double& reading : samples[i].readings) reading += 20 * sigma;
+  CHECK(make_blocks(rig, samples).names.size() == 8);
+  for (Sample& sample : samples) sample.readings[0] = std::nan("");  // lacking in all alike
+  CHECK(make_blocks(rig, samples).names.size() == 8);
 }
 
 }  // namespace folds_test
