@@ -294,7 +294,8 @@ void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
   }
 }
 
-/// Log odds that the gears of a robot are as stated: one robot of a hundred has another.
+/// Log odds that the gears of a robot are as stated: one robot of a hundred has another. (Of 280
+/// right recordings none was given gears.)
 const double kGearsRight = std::log(100);
 
 /// Tries gears of other ratios: the last, for what bends or ripples goes with the angle as well.

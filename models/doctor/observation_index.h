@@ -72,7 +72,8 @@ struct Hypothesis {
 
 /// Returns an Undo that changes the views of a sensor; -1: of every sensor.
 Undo of_views(int sensor, std::function<void(const Rig&, View&)> change);
-/// Returns an Undo that changes every so-manieth of a sensor's measured numbers, from one of them.
+/// Returns an Undo that changes one number in so many of a sensor's measured numbers, from one of
+/// them.
 Undo of_numbers(int sensor, size_t first, size_t stride, std::function<double(double)> change);
 /// Returns the subjects of all sensors that see something.
 Subjects all_sensors(const Rig& rig, const std::set<int>& sensors);

@@ -60,7 +60,8 @@ std::map<int, Screen> screened(const Solution& solution, const Residuals& residu
 
 constexpr size_t kEnough = 1000;  // samples that show whether a board is warped
 
-/// The fit of a solution, with the priors of its last step: of many samples every so-manieth.
+/// The fit of a solution, with the priors of its last step: of many samples a thousand, evenly
+/// spread.
 FitWithGroups fit_of(const Solution& solution) {
   const std::vector<int> all = solution.training();
   const size_t every = (all.size() + kEnough - 1) / kEnough;

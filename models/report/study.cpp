@@ -259,48 +259,31 @@ void find_noise(const Rig& given, const StudyOptions& options,
   report.noise_levels = std::move(levels);
 }
 
-/// A message of each group that was asked for by name and is held, or is among the usual ones.
+/// A message of each group that was asked for by name and is held, or is among the usual ones, and
+/// where the data speak for none of a name.
 void say_groups_without_effect(const GroupChoice& choice, Report& report) {
-  for (const std::string& name : choice.with)
+  std::vector<std::string>& out = report.solution.without_effect;
+  for (const std::string& name : choice.with) {
+    bool exists = report.automatic.empty();
     for (const AutomaticGroup& g : report.automatic) {
       if (g.name != name && !glob_matches(name, g.name)) continue;
+      exists = true;
       if (g.held && !g.numbers.empty()) {
-        report.solution.without_effect.push_back(
-            "`group` " + quoted(g.name) +
-            " was requested, but its parameters keep their nominal values: " +
-            text("the data give too little evidence of an error (log evidence %.1f, 3 is needed). ",
-                 g.gain) +
-            "To estimate them anyway, free each by name (`free`), for example " +
-            g.numbers[0].name);
+        out.push_back("`group` " + quoted(g.name) +
+                      " was requested, but its parameters keep their nominal values: " +
+                      text("the data give too little evidence of an error (log evidence %.1f, 3 is "
+                           "needed). ",
+                           g.gain) +
+                      "To estimate them anyway, free each by name (`free`), for example " +
+                      g.numbers[0].name);
       } else if (!g.held && g.name != kGears) {
-        report.solution.without_effect.push_back(
-            "`group` " + quoted(g.name) +
-            " has no effect: this group is always tried, and was estimated");
+        out.push_back("`group` " + quoted(g.name) +
+                      " has no effect: this group is always tried, and was estimated");
       }
     }
-}
-
-/// A message where groups of further models were asked for and the data speak for none of them.
-void say_no_further(const GroupChoice& choice, Report& report) {
-  const Tree& tree = report.solution.rig().tree;
-  std::vector<std::string> further = {
-      kCompliance,  kComplianceAcross, kLoads, kBacklash, kTimeOffsets,
-      kTemperature, kPrints,           kWarps, kMarkers,  kGears};
-  for (const Joint& joint : tree.joints)
-    for (const std::string& kind : {kRippleOf, kCurve, kCouplingOf})
-      further.push_back(kind + joint.name);
-  for (const std::string& name : choice.with) {
-    bool asked = false, found = false;
-    for (const std::string& one : further) {
-      if (name != one && !glob_matches(name, one)) continue;
-      asked = true;
-      found =
-          found || std::any_of(report.automatic.begin(), report.automatic.end(),
-                               [&](const AutomaticGroup& g) { return g.name == one && !g.held; });
-    }
-    if (asked && !found)
-      report.solution.without_effect.push_back(
-          "`group` " + quoted(name) + " was requested, but the data give no evidence for it");
+    if (!exists)
+      out.push_back("`group` " + quoted(name) +
+                    " was requested, but the data give no evidence for it");
   }
 }
 
@@ -335,7 +318,6 @@ std::shared_ptr<const Recording> solve(const std::shared_ptr<const Recording>& g
     if (cannot_start(report.solution)) return recording;
     find_noise(rig, options, calibration, report);
     say_groups_without_effect(options.groups, report);
-    say_no_further(options.groups, report);
     left = report.solution.recording;
   }
   if (options.estimate_noise || estimates_noise(given->rig, options)) {

@@ -3,8 +3,7 @@
 //
 //     position = model(q) + backlash * approach + temperature * (T - T0)
 //              + sum_N (c1 cos(N q) + c2 sin(N q) + c3 cos(2 N q) + c4 sin(2 N q))
-//              + sum_o coupling_o * q_o,         q = reading + rate * (time_offset + row *
-//              line_time),
+//              + sum_o coupling_o * q_o,    q = reading + rate * (time_offset + row * line_time),
 //
 // time_offset (s) of the sensor whose view it is: how much later than the readings the sensor
 // measured. Everything between the sensor and its target, and between a sensor of a free target and

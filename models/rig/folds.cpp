@@ -83,6 +83,9 @@ std::vector<char> placements(const Rig& rig, const std::vector<Sample>& samples)
 
 namespace {
 
+constexpr double kSigmas = 5;    // of a difference of readings of one posture, at most
+constexpr double kExact = 1e-9;  // rad or m, of joints that are exact
+
 /// By sample: the first one of its posture.
 std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& samples) {
   std::vector<int> out(samples.size()), joints;
@@ -98,6 +101,10 @@ std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& sam
         low = std::min(low, s.readings[j]), high = std::max(high, s.readings[j]);
     if (high - low > most) most = high - low, widest = j;
   }
+  double window = kExact;
+  for (const Sample& s : samples)
+    if (widest >= 0)
+      window = std::max(window, kSigmas * std::sqrt(2.0) * joint_sigma(rig, s, widest));
   std::multimap<double, int> postures;  // by that joint's reading
   for (size_t i = 0; i < samples.size(); ++i) {
     const Sample& sample = samples[i];
@@ -106,9 +113,7 @@ std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& sam
                                   [&](const View& v) { return rig.targets[v.target].link < 0; });
     if (widest < 0 || free || sample.readings.empty() || std::isnan(sample.readings[widest]))
       continue;
-    // (The window is more than five sigmas of a difference.)
-    const double reading = sample.readings[widest],
-                 window = std::max(most / 100, 8 * rig.joints[widest].sigma);
+    const double reading = sample.readings[widest];
     const auto end = postures.upper_bound(reading + window);
     for (auto at = postures.lower_bound(reading - window);
          at != end && out[i] == static_cast<int>(i); ++at)
@@ -122,7 +127,6 @@ std::vector<int> first_of_posture(const Rig& rig, const std::vector<Sample>& sam
 
 bool is_same_posture(const Rig& rig, const Sample& a, const Sample& b,
                      const std::vector<int>& joints) {
-  constexpr double kSigmas = 5, kExact = 1e-9;  // of a difference; rad or m
   return std::all_of(joints.begin(), joints.end(), [&](int j) {
     if (std::isnan(a.readings[j]) || std::isnan(b.readings[j]))
       return std::isnan(a.readings[j]) && std::isnan(b.readings[j]);
