@@ -180,9 +180,11 @@ TEST_CASE("folds: samples of one posture are held out together") {
   std::vector<Sample> samples = samples_of(rig, 12);
   const double sigma = 1e-4;
   for (JointSettings& joint : rig.joints) joint.sigma = sigma;
-  for (size_t i = 0; i < samples.size(); ++i)  // three of each posture, scattered by their noise
+  for (size_t i = 0; i < samples.size(); ++i) {  // three of each posture, scattered by their noise
+    const size_t posture = i % 4, time = i / 4;
     samples[i].readings.assign(
-        rig.joints.size(), 0.1 * static_cast<double>(i % 4) + sigma * static_cast<double>(i / 4));
+        rig.joints.size(), 0.1 * static_cast<double>(posture) + sigma * static_cast<double>(time));
+  }
   const Blocks blocks = make_blocks(rig, samples);
   CHECK(blocks.names.size() == 4);
   for (size_t i = 0; i < samples.size(); ++i) CHECK(blocks.of[i] == blocks.of[i % 4]);
