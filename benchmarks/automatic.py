@@ -676,7 +676,7 @@ def read_model(folder, nominal):
     return model
 
 
-FURTHER = ("backlash", "compliance", "coupling", "curve", "load", "ripple", "temperature", "time_offset")
+FURTHER = ("backlash", "compliance", "coupling", "curve", "load", "print", "ripple", "temperature", "time_offset", "warp")
 
 
 def further(result):
@@ -697,7 +697,7 @@ def moved(model, result, header, name, step):
     """
     kind, owner, rest = name.split("/", 1)[0], name.split("/", 1)[1].rpartition("/")[0], name.rpartition("/")[2]
     what, _, component = rest.partition(".")
-    if what in ("intrinsics", "distortion", "baseline"):
+    if what in ("intrinsics", "distortion", "baseline", "print", "warp"):      # (shapes of boards: fractions of a millimetre)
         return None
     if kind == "joint" and what == "offset":
         return model.with_("joints", owner, origin=model.joints[owner].origin @ joint_motion(model.joints[owner], step))
