@@ -252,6 +252,11 @@ void read_camera(const Field& field, Sensor& sensor) {
 
 void read_range(const Field& field, Sensor& sensor) {
   const double scale = field.has("range_scale") ? field["range_scale"].positive() : 1;
+  if (sensor.type == "pose") {
+    sensor.model = make_scaled_pose();
+    sensor.parameters = pose_scale(scale);
+    return;
+  }
   const double offset = field.has("range_offset") ? field["range_offset"].number() : 0;
   sensor.model = make_ranged_point();
   sensor.parameters = range_parameters(scale, offset);

@@ -41,7 +41,7 @@ const std::vector<SensorKeys>& sensor_types() {
       {"surface", {"sigma"}, {}, "points", make_surface, "0.001", "m"},
       {"pose",
        {"sigma"},
-       {},
+       {"range_scale"},
        "pose",
        make_pose,
        "{translation: 0.0005, rotation: 0.001}",

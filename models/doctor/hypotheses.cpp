@@ -30,6 +30,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_units(rig, observations, out);
   add_poses(rig, observations, out);
   add_sides(rig, observations, out);
+  add_scales(rig, observations, freed, table, out);
   add_baselines(rig, table, observations, freed, out);
   add_exchanges(rig, observations, out);
   add_lenses(rig, table, observations, freed, out);

@@ -9,6 +9,7 @@
 
 #include "../../kinematics/floating.h"
 #include "../rig/numbers.h"
+#include "../rig/scales.h"
 #include "../rig/words.h"
 #include "../sensors/sensors.h"
 #include "reading_mistakes.h"
@@ -75,6 +76,40 @@ void add_units(const Rig& rig, const ObservationIndex& observations, std::vector
       out.back().rescaled = s;
       out.back().factor = unit.metres;
     }
+  }
+}
+
+void add_scales(const Rig& rig, const ObservationIndex& observations, const FreedNames& freed,
+                const ParameterTable& table, std::vector<Hypothesis>& out) {
+  for (const int s : observations.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    const int known = table.index_of(ParameterKind::range_scale, s);
+    if (sensor.model->measurement_kind() != MeasurementKind::pose ||
+        (known >= 0 && freed.parameter[known]))
+      continue;
+    const double given = known < 0 ? 1 : sensor.parameters[0].values[0];
+    Hypothesis h{NoticeKind::square, {Subject::sensor(sensor.name)}};
+    h.undo = [s, given](Rig& r) {
+      r.sensors[s].model = make_scaled_pose();
+      r.sensors[s].parameters = pose_scale(given);
+    };
+    h.free = {"sensor/" + sensor.name + "/range_scale"};
+    h.told = [given, name = sensor.name](const std::vector<double>& found) {
+      const double times = found[0] / given;
+      const bool sane = times > 1e-4 && times < 1e4 &&
+                        std::abs(times - 1) > scales(ParameterKind::range_scale, "").least;
+      return std::pair(
+          sane ? "the positions that sensor " + quoted(name) +
+                     text(" measures are %.5g times", times) +
+                     " what they should be, as if its markers were stated too " +
+                     (times > 1 ? "large" : "small")
+               : "",
+          text("measure the marker (or what sets the scale), and divide the size that its detector "
+               "is given, and the positions in the views, by %.5g; or write range_scale: %.5g "
+               "into sensors.%s",
+               times, found[0], name.c_str()));
+    };
+    out.push_back(std::move(h));
   }
 }
 

@@ -13,6 +13,9 @@ void add_mirrors(const Rig& rig, const ObservationIndex& observations,
                  std::vector<Hypothesis>& out);
 /// Adds measured points and positions in millimetres, centimetres, inches or feet.
 void add_units(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);
+/// Adds measured poses whose positions have another scale: of a marker whose stated size is wrong.
+void add_scales(const Rig& rig, const ObservationIndex& observations, const FreedNames& freed,
+                const ParameterTable& table, std::vector<Hypothesis>& out);
 /// Adds poses of sensors and mounted targets that are given the wrong way round, or whose
 /// quaternions are written w x y z.
 void add_poses(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);

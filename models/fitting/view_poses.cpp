@@ -5,6 +5,7 @@
 
 #include "../rig/configuration.h"
 #include "../rig/targets.h"
+#include "../sensors/pose.h"
 #include "../sensors/tilting_laser.h"
 
 namespace kincal {
@@ -141,14 +142,9 @@ RepeatedViewPoses::RepeatedViewPoses(const Rig& rig, const ParameterTable& table
 const std::vector<Pose>& RepeatedViewPoses::find(const View& view) {
   out_.clear();
   switch (sensor_->model->measurement_kind()) {
-    case MeasurementKind::pose: {
-      Pose z;
-      z.translation << view.z[0], view.z[1], view.z[2];
-      z.rotation =
-          rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
-      out_.push_back(z);
+    case MeasurementKind::pose:
+      out_.push_back(measured_pose(view.z.data(), own_ ? own_[0] : 1));
       return out_;
-    }
     case MeasurementKind::chain:
       out_.emplace_back();
       return out_;

@@ -56,7 +56,6 @@ Sensor plain_start(const OneCamera& camera, const LensModel& model,
 const std::vector<LensModel>& lens_models() {
   static const std::vector<LensModel> models = {
       {"pinhole", "pinhole", Lens::pinhole, 0, 0},
-      {"brown_conrady_2", "brown_conrady", Lens::brown_conrady, 5, 2},
       {"brown_conrady_4", "brown_conrady", Lens::brown_conrady, 5, 4},
       {"kannala_brandt", "kannala_brandt", Lens::kannala_brandt, 4, 4},
       {"brown_conrady_5", "brown_conrady", Lens::brown_conrady, 5, 5},
@@ -66,6 +65,7 @@ const std::vector<LensModel>& lens_models() {
 
 const std::vector<LensModel>& further_lens_models() {
   static const std::vector<LensModel> models = {
+      {"brown_conrady_2", "brown_conrady", Lens::brown_conrady, 5, 2},
       {"brown_conrady_12", "brown_conrady", Lens::brown_conrady, 12, 12},
       {"brown_conrady_14", "brown_conrady", Lens::brown_conrady, 14, 14},
       {"unified", "unified", Lens::unified, 5, 5},

@@ -9,6 +9,7 @@
 #include "../rig/configuration.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
+#include "../sensors/pose.h"
 #include "drift_watch.h"
 
 namespace kincal {
@@ -107,11 +108,9 @@ bool SampleForm::given_pose(size_t view, Pose& base_T_target) const {
   if (kind != MeasurementKind::chain && kind != MeasurementKind::pose) return false;
   base_T_target = base_T_sensor(view);
   if (kind == MeasurementKind::chain) return true;
-  const double* const z = v.z.data();
-  Pose seen;
-  seen.translation << z[0], z[1], z[2];
-  seen.rotation = rotation_from_quaternion(Eigen::Vector4d(z[3], z[4], z[5], z[6]));
-  base_T_target = base_T_target * seen;
+  const int block = recording_.table.sensor_block[v.sensor];
+  const double scale = block < 0 ? 1 : values_.shared(recording_.table.all[block].start);
+  base_T_target = base_T_target * measured_pose(v.z.data(), scale);
   return true;
 }
 

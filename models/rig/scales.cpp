@@ -97,7 +97,7 @@ constexpr ScaleRow kScaleRows[] = {
     {K::distortion,   "",    0.5_n,  0.05_n,  0.1_n,  no,    no,     no,     no,   no,     no},
     {K::distortion,   "rad", 20_mrad, 10_mrad, 1_deg, no,    no,     no,     no,   no,     no},
     {K::baseline,     "m",   2_mm,   1_cm,    1_cm,   no,    no,     no,     3_pc, 1.5_pc, 25_pc},
-    {K::range_scale,  "",    0.5_pc, 1_pc,    1_pc,   no,    no,     no,     no,   no,     25_pc},
+    {K::range_scale,  "",    0.5_pc, 1_pc,    1_pc,   no,    no,     0.5_pc, no,   no,     25_pc},
     {K::range_offset, "m",   5_mm,   2_cm,    1_cm,   no,    no,     no,     no,   no,     25_cm},
     {K::own_number,   "rad", no,     50_mrad, 1_deg,  no,    no,     no,     no,   no,     0.25_n},
     {K::own_number,   "m",   no,     5_cm,    1_cm,   no,    no,     no,     no,   no,     25_cm},

@@ -2,6 +2,10 @@
 // (the joint readings are the measurement: the target is at link_T_target, which is the sensor's
 // own frame here, so Z = 1).
 //
+// A measured pose may have a scale, range_scale: marker poses are in units of the stated size of
+// the marker. Z is then compared with T whose translation is multiplied by the scale s; in
+// coordinates of that, a twist [v | w] of T is [s v | w].
+//
 // Residual: the six numbers [translation of E | Log of the rotation of E], E = Z^-1 T, T the
 // predicted sensor_T_target. With T' = exp(xi) T:  E' = exp(Ad_Z^-1 xi) E, so with [v | w] =
 // Ad_Z^-1 xi
@@ -15,9 +19,17 @@
 
 namespace kincal {
 
+/// Returns the pose sensor_T_target that a measurement z = x y z qx qy qz qw states, where the
+/// sensor multiplies translations by `scale`.
+inline Pose measured_pose(const double* z, double scale) {
+  return {rotation_from_quaternion(Eigen::Vector4d(z[3], z[4], z[5], z[6])),
+          Vector3d(z[0], z[1], z[2]) / scale};
+}
+
 class PoseSensor final : public SensorModel {
  public:
-  explicit PoseSensor(bool measures) : measures_(measures) {}
+  /// @param scaled it has one parameter, the scale of translations
+  PoseSensor(bool measures, bool scaled) : measures_(measures), scaled_(scaled) {}
   int rows() const override { return 6; }
   int measurement_size() const override { return measures_ ? 7 : 0; }
   bool measures_pose() const override { return true; }
@@ -31,13 +43,11 @@ class PoseSensor final : public SensorModel {
 
   bool evaluate(const ViewInput& view, const Columns& c, double* r,
                 Eigen::Ref<RowMatrix>* L) const override {
-    Pose z;
-    if (measures_) {
-      z.translation << view.z[0], view.z[1], view.z[2];
-      z.rotation =
-          rotation_from_quaternion(Eigen::Vector4d(view.z[3], view.z[4], view.z[5], view.z[6]));
-    }
-    const Pose inverse_z = inverse(z), e = inverse_z * view.sensor_T_target;
+    const double scale = scaled_ ? view.parameters[0] : 1;
+    Pose seen = view.sensor_T_target;
+    seen.translation *= scale;
+    const Pose inverse_z = measures_ ? inverse(measured_pose(view.z, 1)) : Pose(),
+               e = inverse_z * seen;
     const Vector3d phi = log_so3(e.rotation);
     Eigen::Map<Vector6d>(r) << e.translation, phi;
     if (!L) return true;
@@ -45,11 +55,15 @@ class PoseSensor final : public SensorModel {
     d << Matrix3d::Identity(), -skew(e.translation), Matrix3d::Zero(),
         inverse_left_jacobian_so3(phi);
     L->block<6, 6>(0, c.pose) = d * adjoint(inverse_z);
+    L->block<6, 3>(0, c.pose) *= scale;
+    if (scaled_ && c.parameters >= 0)
+      L->col(c.parameters) << inverse_z.rotation * view.sensor_T_target.translation,
+          Vector3d::Zero();
     return true;
   }
 
  private:
-  bool measures_;
+  bool measures_, scaled_;
 };
 
 /// This is a chain in noise mode `point`: E p - p at every target point.

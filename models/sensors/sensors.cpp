@@ -109,8 +109,16 @@ std::shared_ptr<const SensorModel> make_ranged_point() {
 std::vector<ParameterBlock> range_parameters(double scale, double offset) {
   return {{"range_scale", {""}, {""}, {scale}}, {"range_offset", {""}, {"m"}, {offset}}};
 }
-std::shared_ptr<const SensorModel> make_pose() { return std::make_shared<PoseSensor>(true); }
-std::shared_ptr<const SensorModel> make_chain() { return std::make_shared<PoseSensor>(false); }
+std::shared_ptr<const SensorModel> make_pose() { return std::make_shared<PoseSensor>(true, false); }
+std::shared_ptr<const SensorModel> make_scaled_pose() {
+  return std::make_shared<PoseSensor>(true, true);
+}
+std::vector<ParameterBlock> pose_scale(double scale) {
+  return {{"range_scale", {""}, {""}, {scale}}};
+}
+std::shared_ptr<const SensorModel> make_chain() {
+  return std::make_shared<PoseSensor>(false, false);
+}
 std::shared_ptr<const SensorModel> make_tilting_laser() { return std::make_shared<TiltingLaser>(); }
 
 }  // namespace kincal

@@ -43,6 +43,9 @@ std::shared_ptr<const SensorModel> make_ranged_point();
 std::vector<ParameterBlock> range_parameters(double scale, double offset);
 /// Makes a sensor that measures sensor_T_target as x y z qx qy qz qw.
 std::shared_ptr<const SensorModel> make_pose();
+/// Makes the same with a scale of the translations. Its own block is "range_scale".
+std::shared_ptr<const SensorModel> make_scaled_pose();
+std::vector<ParameterBlock> pose_scale(double scale);
 /// Makes a chain: its measurement is the joint readings, and the target is at link_T_target. It has
 /// no parameter blocks.
 std::shared_ptr<const SensorModel> make_chain();

@@ -225,7 +225,8 @@ bool World::look(const Sample& robot, const SensorTarget& view, const Pose& base
   }
   const Pose sensor_T_target = inverse(base_T_sensor(robot, view.first)) * base_T_target;
   if (kind == MeasurementKind::pose) {
-    const Vector3d& t = sensor_T_target.translation;
+    const double* const own = own_numbers(view.first);
+    const Vector3d t = sensor_T_target.translation * (own ? own[0] : 1);
     const Eigen::Vector4d q = quaternion_from_rotation(sensor_T_target.rotation);
     z = {t.x(), t.y(), t.z(), q[0], q[1], q[2], q[3]};
     return true;

@@ -92,22 +92,22 @@ class Result(Case):
         said, _ = self.run_it("intrinsics", "rig.yaml", "samples.jsonl", "--out", "lens")
         self.assertEqual(sorted(os.listdir(self.path("lens"))), ["coverage.svg", "intrinsics.json", "rig.yaml", "robot.urdf"])
         self.assertEqual(self.read("lens/robot.urdf"), URDF)
-        for words in ("Camera 'left': brown_conrady_2", "held out", "Corners over the image (640 x 480 px)", "pose seen from 'left'"):
+        for words in ("Camera 'left': brown_conrady_4", "held out", "Corners over the image (640 x 480 px)", "pose seen from 'left'"):
             self.assertIn(words, said)
         result = json.loads(self.read("lens/intrinsics.json"))
         self.assertEqual((result["status"], result["warnings"]), ("converged", []))
         self.assertEqual([group["cameras"] for group in result["groups"]], [["left", "right"]])
         for name, truth in NUMBERS.items():
             camera = result["cameras"][name]
-            self.assertEqual((camera["lens"], camera["model"]), ("brown_conrady_2", "brown_conrady"))
+            self.assertEqual((camera["lens"], camera["model"]), ("brown_conrady_4", "brown_conrady"))
             for component, true in zip(("fx", "fy", "cx", "cy"), truth):
                 one = camera["intrinsics"][component]
                 self.assertLess(abs(one["value"] - true), 4 * one["sigma"], component)
                 self.assertLess(one["sigma"], 1.0)
             self.assertAlmostEqual(camera["noise"]["seen"], NOISE, delta=0.01)
             self.assertLess(camera["held_out"]["rms"], 1.2 * camera["rms"])
-            self.assertEqual([m["model"] for m in camera["models"] if m["chosen"]], ["brown_conrady_2"])
-            self.assertEqual(len(camera["models"]), 6)
+            self.assertEqual([m["model"] for m in camera["models"] if m["chosen"]], ["brown_conrady_4"])
+            self.assertEqual(len(camera["models"]), 5)
             self.assertEqual(sum(map(sum, camera["coverage"])), camera["points"])
             self.assertEqual((len(camera["projection"]["sigma"]), len(camera["projection"]["sigma_far"][0])), (6, 8))
             middle, corner = camera["projection"]["sigma"][3][4], camera["projection"]["sigma"][0][0]
@@ -332,7 +332,7 @@ class Mistakes(Case):
         self.assertEqual([w["id"] for w in result["warnings"]], ["outlier_point"])
         # It takes no part: with it the lens was chosen as pinhole, and what that leaves called other corners far off.
         camera = result["cameras"]["left"]
-        self.assertEqual(camera["lens"], "brown_conrady_2")
+        self.assertEqual(camera["lens"], "brown_conrady_4")
         for component, true in zip(("fx", "fy", "cx", "cy"), NUMBERS["left"]):
             one = camera["intrinsics"][component]
             self.assertLess(abs(one["value"] - true), 4 * one["sigma"], component)

@@ -986,10 +986,11 @@ TEST_CASE("the real rigs and samples are read, and written the same", "[rig][sam
 TEST_CASE("lenses beyond the usual ones, and ranges of a depth camera", "[rig]") {
   const Place place;
   const auto read = [&](const std::string& sensor) {
+    const bool stated = sensor.find("sigma") < sensor.size();
     place.write("rig.yaml", R"(format: kincal/1
 robot: {base: base, flange: tool0}
 targets: {dot: {type: points, points: [[0, 0, 0]], mount: {link: tool0}}}
-sensors: {eye: {link: base, sigma: 0.1, )" +
+sensors: {eye: {link: base, )" + std::string(stated ? "" : "sigma: 0.1, ") +
                                 sensor + "}}\n");
     return read_rig(place.rig).rig.sensors[0];
   };
@@ -1021,6 +1022,12 @@ sensors: {eye: {link: base, sigma: 0.1, )" +
   CHECK((depth.parameters[1].name == "range_offset" && depth.parameters[1].values[0] == -0.02));
   CHECK(read("type: point, range_offset: 0").parameters[0].values[0] == 1);
   CHECK(read("type: point").parameters.empty());
+  const Sensor marker =
+      read("type: pose, range_scale: 1.1, sigma: {translation: 0.001, rotation: 0.002}");
+  REQUIRE(marker.parameters.size() == 1);
+  CHECK((marker.parameters[0].name == "range_scale" && marker.parameters[0].values[0] == 1.1));
+  CHECK_THAT(error_of([&] { read("type: pose, range_offset: 0.1"); }),
+             Contains("range_offset") && Contains("valid"));
   CHECK_THAT(error_of([&] { read("type: point, range_scale: 0"); }),
              Contains("sensors.eye.range_scale"));
 }

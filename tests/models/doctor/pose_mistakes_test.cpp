@@ -8,8 +8,11 @@
 #include <catch2/catch.hpp>
 #include <cstdlib>
 
+#include "../../../models/doctor/doctor.h"
 #include "../../../models/doctor/plausibility.h"
+#include "../../../models/simulation/simulation.h"
 #include "../../fixtures/flange.h"
+#include "../../fixtures/rigs.h"
 
 namespace pose_mistakes_test {
 
@@ -216,6 +219,38 @@ TEST_CASE("doctor: flange angles in degrees are refused where they are read") {
   };
   CHECK_THROWS_WITH(fixture::read(truth, 12, degrees),
                     Contains("joints.flange.rpy") && Contains("radians are expected"));
+}
+
+// An arm's camera measures poses of a marker, whose positions are so many times the true ones.
+TEST_CASE("doctor: the scale of measured marker poses is found, a right one is not named") {
+  for (const double scale : {1.0, 1.02, 0.9, 2.0}) {
+    INFO(scale);
+    Rig rig;
+    const std::string hand = fixture::add_arm(rig, 1e-4);
+    fixture::add_mocap(rig, "eye", hand, {Matrix3d::Identity(), {0.05, 0, 0.04}}, 2e-4, 1e-3);
+    fixture::add_points(rig, "marker", Vector3d::Zero(), "base",
+                        {Matrix3d::Identity(), {0.6, 0.1, 0}});
+    Step step;
+    step.name = "all";
+    step.sensors = {0};
+    step.free = {"sensor/eye/pose", "target/marker/pose"};
+    rig.steps = {step};
+    SimulationOptions options;
+    options.samples = 20;
+    options.seed = 5;
+    const ParameterTable table(rig);
+    std::vector<Sample> samples = simulate(rig, table, table.initial, options).samples;
+    for (Sample& sample : samples)
+      for (size_t i = 0; i < 3; ++i) sample.views[0].z[i] *= scale;
+    const Notices found = diagnose(rig, samples, {})->findings;
+    CHECK(found.size() == (scale == 1 ? 0 : 1));
+    if (found.empty()) continue;
+    CHECK(found[0].kind == NoticeKind::square);
+    CHECK(names_of(found[0].where) == std::vector<std::string>{"eye"});
+    const std::string words = sentences(found[0]), before = "range_scale: ";
+    CHECK(std::stod(words.substr(words.find(before) + before.size())) ==
+          Approx(scale).epsilon(0.002));
+  }
 }
 
 }  // namespace pose_mistakes_test

@@ -232,7 +232,7 @@ TEST_CASE("intrinsics: the lens that made the views is chosen", "[intrinsics]") 
     Lens lens;
     std::vector<double> distortion;
   } cases[] = {{"pinhole", Lens::pinhole, {}},
-               {"brown_conrady_2", Lens::brown_conrady, {-0.28, 0.09, 0, 0, 0}},
+               {"brown_conrady_4", Lens::brown_conrady, {-0.28, 0.09, 0.0006, -0.0004, 0}},
                {"brown_conrady_4", Lens::brown_conrady, {-0.28, 0.09, 0.003, -0.004, 0}},
                {"brown_conrady_5", Lens::brown_conrady, {-0.4, 0.35, 0.002, -0.003, -0.3}},
                {"kannala_brandt", Lens::kannala_brandt, {0.05, -0.02, 0.005, -0.001}}};

@@ -12,6 +12,7 @@
 #include <functional>
 
 #include "../../../models/sensors/check_jacobian.h"
+#include "../../../models/sensors/pose.h"
 #include "../../../models/sensors/sensors.h"
 #include "../../../models/sensors/surface.h"
 #include "../../fixtures/forward_model.h"
@@ -644,6 +645,30 @@ TEST_CASE(
                           : room < 1e-4 ? 1e-6
                                         : 1e-7);
       }
+}
+
+TEST_CASE("pose with a scale: value and derivatives") {
+  Random random(27);
+  const std::shared_ptr<const SensorModel> model = make_scaled_pose();
+  CHECK((model->rows() == 6 && model->measurement_kind() == MeasurementKind::pose));
+  for (const double scale : {1.0, 1.05, 0.4})
+    for (int trial = 0; trial < 5; ++trial) {
+      Stage s = pose_stage(true, error_of(0.5, 0.7, random), random);
+      s.owner = model;
+      s.model = model.get();
+      s.parameters = {scale};
+      Isometry3d longer = isometry(s.pose);
+      longer.translation() *= scale;
+      Isometry3d z(Eigen::Quaterniond(s.z[6], s.z[3], s.z[4], s.z[5]));
+      z.translation() << s.z[0], s.z[1], s.z[2];
+      const Isometry3d e = z.inverse() * longer;
+      const VectorXd r = s.residual();
+      CHECK((r.head<3>() - e.translation()).norm() < 1e-14);
+      CHECK((r.tail<3>() - rotation_vector(e.linear())).norm() < 1e-12);
+      check_derivatives(s);
+      CHECK((measured_pose(s.z.data(), scale).translation * scale - z.translation()).norm() <
+            1e-15);
+    }
 }
 
 TEST_CASE("chain in noise mode point: value, derivatives, own noise") {
