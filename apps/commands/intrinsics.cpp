@@ -94,7 +94,7 @@ Command intrinsics_command(CLI::App& app, const std::string& command_line) {
                    "lens model: the simplest that is not worse on held-out samples (auto), each "
                    "camera's own (rig), or a name; the number in a name\n"
                    "counts coefficients, in the order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x "
-                   "tau_y; auto does not try 12 and 14, unified and double_sphere")
+                   "tau_y; auto does not try 2, 12 and 14, unified and double_sphere")
       ->check(CLI::IsMember(models))
       ->capture_default_str();
   command
