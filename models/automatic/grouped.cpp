@@ -17,8 +17,7 @@ namespace {
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
 constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 30;
-constexpr int kFitIterations = 6;       // between two estimates of the noise
-constexpr double kNoiseAtRest = 0.005;  // change of noise that nobody states, relative
+constexpr int kFitIterations = 6;  // between two estimates of the noise
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
 
@@ -291,7 +290,7 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     if (scaled) next.doubted.factor = out.noise_factor;
     if (options.noise_is == StatedNoise::wrong) next.doubted.stated = &given.rig;
     const double moved = move_noise(data, out.problem, factor, steps, next);
-    out.at_rest = moved < kNoiseAtRest;
+    out.at_rest = moved < 1;
     const bool ends = moved == 0 || (out.at_rest && out.outcome != Outcome::not_converged);
     if (ends || pass + 1 >= kNoiseRounds) {
       judge_scales(recording, done, groups, out);

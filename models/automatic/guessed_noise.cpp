@@ -11,8 +11,11 @@
 namespace kincal {
 namespace {
 
-constexpr double kMostMisstated = 10;   // times a stated sigma: more is a mistake
-constexpr double kLeastOfGuess = 1e-4;  // of a guess: less is the rounding of data without noise
+constexpr double kMostMisstated = 10;  // times a stated sigma: more is a mistake
+// A level is at rest where a step of its logarithm is less than one of these.
+constexpr double kNoiseAtRest = 0.005;
+constexpr double kNoiseShareAtRest = 0.1;  // of its standard deviation: adds 0.5 % to its error
+constexpr double kLeastOfGuess = 1e-4;     // of a guess: less is the rounding of data without noise
 
 }  // namespace
 
@@ -58,9 +61,11 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
       noise_levels(*data.problem, rig, data.state, known.covariance, noisy.doubted);
   const auto count = static_cast<Eigen::Index>(levels.size());
   // Logarithms, last that of the factor.
-  VectorXd now = VectorXd::Zero(count + 1), seen = now;
+  VectorXd now = VectorXd::Zero(count + 1), seen = now,
+           at_rest = VectorXd::Constant(count + 1, kNoiseAtRest);
   for (Eigen::Index i = 0; i < count; ++i) {
     if (!std::isfinite(levels[i].seen)) continue;
+    at_rest(i) = std::max(kNoiseAtRest, kNoiseShareAtRest * levels[i].uncertainty);
     const double moved = std::log(levels[i].seen / levels[i].assumed),
                  most = std::log(kMostMisstated);
     if (levels[i].guess > 0) {
@@ -75,8 +80,8 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
       seen(count) = std::clamp(now(count) + moved, -most, 0.0);
     }
   }
-  const double moved = (seen - now).cwiseAbs().maxCoeff();
-  if (moved == 0) return 0;
+  const VectorXd moved = (seen - now).cwiseAbs();
+  if (moved.isZero(0)) return 0;
   const VectorXd next = steps.next(now, seen);
   const double times = std::exp(next(count) - now(count));
   if (noisy.doubted.factor) *noisy.doubted.factor *= times;
@@ -86,7 +91,7 @@ double move_noise(const DataProblem& data, const WidthProblem& problem, const Ve
     level.seen = by == 1 ? kNan : level.assumed * by;
   }
   noisy.recording = make_recording(scale_noise(*noisy.recording, levels));
-  return moved;
+  return moved.cwiseQuotient(at_rest).maxCoeff();
 }
 
 std::shared_ptr<const Recording> with_seen_noise(const DataProblem& data,

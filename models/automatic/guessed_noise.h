@@ -26,7 +26,8 @@ struct NoisyRecording {
 };
 
 /// Moves noise that is not stated, and the factors, towards what the data show, at a fit with these
-/// widths. Returns by how much the data move it at most, of a logarithm. 0: nothing is unknown.
+/// widths. Returns how far the largest step is from rest: below 1 all levels are at rest. 0:
+/// nothing is unknown.
 double move_noise(const DataProblem& data, const WidthProblem& problem, const VectorXd& factor,
                   FixedPoint& steps, NoisyRecording& noisy);
 
