@@ -19,6 +19,7 @@ constexpr double kJump = 4.8;       // standard deviations, the largest of many
 constexpr double kMost = 0.35;      // share of the scatter
 constexpr double kSame = 1e-6;      // of columns that depend on each other
 constexpr long kLeft = 8;           // samples more than columns and errors
+constexpr double kSeen = 0.02;      // share of a variance that data show: as of noise levels
 
 /// The errors of one joint (of a floating one six), by training sample.
 struct JointErrors {
@@ -54,6 +55,18 @@ std::map<int, JointErrors> errors_by_joint(const Solution& solution) {
             {one.samples[static_cast<size_t>(r)], one.axes[static_cast<size_t>(c)]});
   }
   return out;
+}
+
+/// Whether the data show a joint's errors: estimates that are small beside their sigma are what the
+/// prior leaves of the noise of sensors.
+bool shows(const Rig& rig, const JointErrors& errors) {
+  for (size_t c = 0; c < errors.axes.size(); ++c) {
+    const double sigma = rig.joints[errors.axes[c]].sigma;
+    if (errors.values.col(static_cast<long>(c)).squaredNorm() >
+        kSeen * sigma * sigma * static_cast<double>(errors.values.rows()))
+      return true;
+  }
+  return false;
 }
 
 /// Whether the robot cannot have moved in between: readings that errors of their own would have
@@ -246,6 +259,7 @@ Jump jump_of(int joint, const std::vector<int>& samples, const VectorXd& errors,
 std::vector<Trend> trends(const Solution& solution) {
   std::vector<Trend> out;
   for (const auto& [joint, all] : errors_by_joint(solution)) {
+    if (!shows(solution.rig(), all)) continue;
     const JointErrors errors = standing_still_once(solution, all);
     const Trend trend =
         trend_of(solution.rig().tree, joint, errors, standing(solution, joint, errors));

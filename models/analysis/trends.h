@@ -24,8 +24,9 @@
 // more, the square of the excess over the mean, in standard deviations, is added to chi2, with a
 // degree of freedom. The excess is the share of the squares that a curve has.
 //
-// A trend is one that occurs by chance in one of 30,000 joints (4 standard deviations) and is a
-// good part of the scatter.
+// A trend is one that occurs by chance in one of 30,000 joints (4 standard deviations), is a good
+// part of the scatter, and is of errors that the data show: the mean square of their estimates is at
+// least 2 % of the variance of the readings' noise.
 //
 // Consecutive samples whose readings hardly differ (by half a sigma) are of a robot at rest: their
 // errors are the same, and their mean counts once.
