@@ -110,14 +110,14 @@ std::vector<Requirement> read_requirements(const Job& job, const CalibrateSettin
   return out;
 }
 
-/// Those to report, and those that something is required of.
-std::vector<Frame> read_frames(const Job& job, const CalibrateSettings& settings,
-                               const std::vector<Requirement>& requirements) {
-  std::vector<Frame> out;
+/// The names of those to report, and of those that something is required of.
+std::vector<std::string> read_frames(const Job& job, const CalibrateSettings& settings,
+                                     const std::vector<Requirement>& requirements) {
+  std::vector<std::string> out;
   const auto add = [&](const std::string& name) {
-    if (std::none_of(out.begin(), out.end(), [&](const Frame& f) { return f.name == name; }))
-      out.push_back(frame_named(job.recording->rig, job.recording->table, name,
-                                option_name("report_frame", settings.words)));
+    frame_named(job.recording->rig, job.recording->table, name,
+                option_name("report_frame", settings.words));
+    if (!std::count(out.begin(), out.end(), name)) out.push_back(name);
   };
   for (const std::string& name : settings.report_frames) add(name);
   for (const Requirement& r : requirements)

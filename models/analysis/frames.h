@@ -29,12 +29,12 @@
 
 namespace kincal {
 
-/// A Frame is a link, or the frame of a sensor or mounted target on it (for a chain: of the target
-/// that it holds).
+/// A Frame of a rig and its table is a link, or the frame of a sensor or mounted target on it (for
+/// a chain: of the target that it holds).
 struct Frame {
   std::string name;  // LINK, sensor/NAME, target/NAME
   int link = -1;
-  int pose = -1;  // parameter link_T_frame, -1: the link itself
+  int pose = -1;  // parameter link_T_frame in that table, -1: the link itself
 };
 /// Returns all frames connected to the base by a path.
 std::vector<Frame> all_frames(const Rig& rig, const ParameterTable& table);

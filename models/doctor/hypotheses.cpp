@@ -34,6 +34,7 @@ std::vector<Hypothesis> hypotheses(const Rig& rig, const ParameterTable& table,
   add_baselines(rig, table, observations, freed, out);
   add_exchanges(rig, observations, out);
   add_lenses(rig, table, observations, freed, out);
+  add_fisheyes(rig, observations, out);
   add_exchanged_axes(rig, observations, out);
   add_resolutions(rig, table, samples, observations, freed, out);
   add_orders(rig, observations, out);

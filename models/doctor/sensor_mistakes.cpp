@@ -350,6 +350,34 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
   }
 }
 
+void add_fisheyes(const Rig& rig, const ObservationIndex& observations,
+                  std::vector<Hypothesis>& out) {
+  for (const int s : observations.sensors) {
+    const Sensor& sensor = rig.sensors[s];
+    if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) ||
+        !find_block(sensor, ParameterKind::baseline))
+      continue;
+    const LensType& own = lens_type(sensor.parameters);
+    if (own.lens != Lens::pinhole && own.lens != Lens::brown_conrady) continue;
+    const LensType& fisheye = lens_type(Lens::kannala_brandt);
+    Hypothesis h{NoticeKind::intrinsics, {Subject::sensor(sensor.name)}};
+    h.mistake = "the lens of camera " + quoted(sensor.name) + " is " + fisheye.name +
+                " rather than " + own.name;
+    h.cure = std::string("write `model: ") + fisheye.name + "` without distortion into sensors." +
+             sensor.name + ", and calibrate again";
+    h.undo = [s](Rig& r) {
+      Sensor& camera = r.sensors[s];
+      const std::vector<double> intrinsics = find_block(camera, ParameterKind::intrinsics)->values;
+      const double baseline = find_block(camera, ParameterKind::baseline)->values[0];
+      camera.model = make_camera(Lens::kannala_brandt, 4);
+      camera.parameters =
+          camera_parameters(Lens::kannala_brandt, intrinsics, {0, 0, 0, 0}, baseline);
+    };
+    h.free = {"sensor/" + sensor.name + "/distortion"};
+    out.push_back(std::move(h));
+  }
+}
+
 namespace {
 
 /// The largest of a scanning sensor's readings (0), bearings (1) or ranges (2).

@@ -32,6 +32,10 @@ void add_exchanges(const Rig& rig, const ObservationIndex& observations,
 /// where the rig does not free it.
 void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIndex& observations,
                 const FreedNames& freed, std::vector<Hypothesis>& out);
+/// Adds fisheyes (kannala_brandt) that the rig has as pinhole or brown_conrady. (The reverse needs
+/// no other model: its coefficients fit those lenses.)
+void add_fisheyes(const Rig& rig, const ObservationIndex& observations,
+                  std::vector<Hypothesis>& out);
 /// Adds bearings of scanning sensors in degrees, or with the wrong sign, ranges that are not
 /// metres, and rays whose numbers are in another order.
 void add_bearings(const Rig& rig, const std::vector<Sample>& samples,

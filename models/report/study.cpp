@@ -483,8 +483,9 @@ void analyse(const Rig& as_it_is, const Recording& given, const StudyOptions& op
   if (!options.frames.empty()) {
     calibration.progress.stage("frames");
     const Unknowns unknowns = last_unknowns(at);
-    for (const Frame& frame : options.frames)
-      validation.frames.push_back(report_frame(solution, unknowns, frame));
+    for (const std::string& name : options.frames)
+      validation.frames.push_back(report_frame(
+          solution, unknowns, find_frame(solution.rig(), solution.table(), name).value()));
   }
   for (const Requirement& r : options.requirements)
     validation.requirements.push_back(

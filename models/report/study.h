@@ -34,7 +34,8 @@ struct StudyOptions {
   bool diagnose = false;  // seek mistakes if it ended badly; else only if the status of the
                           // run depends on a finding (kMistaken in verdict.h)
   std::vector<std::string> held_out;  // blocks removed from training, for the record
-  std::vector<Frame> frames;  // whose predicted error is reported; those of requirements among them
+  std::vector<std::string> frames;    // names (analysis/frames.h) of those whose predicted error is
+                                      // reported; those of requirements among them
   std::vector<Requirement> requirements;
 };
 

@@ -97,11 +97,15 @@ class Curves(Folder):
     def test_found(self):
         values = [true_curve(2 * math.pi * k / VALUES) for k in range(VALUES)]
         samples = self.recorded(", c: {model: curve, curve: [%s]}" % ", ".join("%.9g" % v for v in values))
-        with_curves, _ = self.calibrated("with")
+        with_curves, _ = self.calibrated("with", "--report-frame", "sensor/tracker")
         without, _ = self.calibrated("without", "--no-group", "curve/*", "--no-group", "ripple/*")
         curves = [name for name in with_curves["parameters"] if name.endswith("/curve")]
         self.assertEqual(curves, ["joint/c/curve"])
         self.assertLess(self.held_out(with_curves), 0.4 * self.held_out(without))
+        frame = with_curves["validation"]["frames"]["sensor/tracker"]["workspaces"]["samples"]
+        pose = with_curves["parameters"]["sensor/tracker/pose"]
+        for sigma, of in ((frame["position"]["rms"], pose["sigma"][:3]), (frame["rotation"]["rms"], pose["sigma"][3:])):
+            self.assertAlmostEqual(sigma / math.sqrt(sum(s * s for s in of)), 1, delta=0.01)  # the sensor stands on the base
         curve = with_curves["parameters"]["joint/c/curve"]
         visited = {int(math.floor(s["joints"]["c"] * VALUES / (2 * math.pi))) % VALUES for s in samples}
         inside = [k for k in range(VALUES) if all((k + d) % VALUES in visited for d in range(-3, 4))]

@@ -42,7 +42,7 @@ struct EyeInHand {
   Rig rig;
   std::vector<Sample> samples;
 
-  explicit EyeInHand(int boards = 1) {
+  explicit EyeInHand(int boards = 1, Lens lens = Lens::pinhole) {
     rig.tree.links = {"base", "one", "two", "hand"};
     rig.tree.joints = {joint("pan", 0, 1, JointType::revolute, Vector3d::UnitZ(),
                              {Matrix3d::Identity(), {0, 0, 0.3}}),
@@ -72,8 +72,9 @@ struct EyeInHand {
     camera.pose_given = true;
     camera.link_T_sensor.rotation = rig.targets[0].link_T_target.rotation;
     camera.link_T_sensor.translation << 0.05, 0.02, 0.06;
-    camera.model = make_camera(Lens::pinhole, 0);
-    camera.parameters = camera_parameters(Lens::pinhole, {400, 400, 320, 240}, {}, 0);
+    const std::vector<double> distortion(lens == Lens::pinhole ? 0 : 4, 0.0);
+    camera.model = make_camera(lens, static_cast<int>(distortion.size()));
+    camera.parameters = camera_parameters(lens, {400, 400, 320, 240}, distortion, 0);
     camera.sigma = {0.2, 0.2};
     camera.image_width = 640;
     camera.image_height = 480;
@@ -352,6 +353,21 @@ TEST_CASE("doctor: the odds of what was tried name the planted mistake") {
   CHECK(likeliest->where == Subjects{Subject::joint("lift")});
   CHECK(likeliest->log_odds > std::log(99));
   CHECK(diagnose(EyeInHand().rig, EyeInHand().samples, options)->alternatives.empty());
+}
+
+TEST_CASE("doctor: a fisheye that the rig has as another lens") {
+  for (const Lens wrong : {Lens::pinhole, Lens::brown_conrady}) {
+    EyeInHand e(1, Lens::kannala_brandt);
+    CHECK(e.check().findings.empty());
+    const std::vector<double> none(wrong == Lens::pinhole ? 0 : 5, 0.0);
+    e.rig.sensors[0].model = make_camera(wrong, static_cast<int>(none.size()));
+    e.rig.sensors[0].parameters = camera_parameters(wrong, {400, 400, 320, 240}, none, 0);
+    const Diagnosis d = e.check();
+    REQUIRE(!d.findings.empty());
+    INFO(sentences(d.findings[0]));
+    CHECK(ids(d) == Ids{"intrinsics"});
+    CHECK_THAT(sentences(d.findings[0]), Catch::Contains("kannala_brandt rather than"));
+  }
 }
 
 }  // namespace kincal
