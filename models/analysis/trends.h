@@ -25,8 +25,8 @@
 // degree of freedom. The excess is the share of the squares that a curve has.
 //
 // A trend is one that occurs by chance in one of 30,000 joints (4 standard deviations), is a good
-// part of the scatter, and is of errors that the data show: the mean square of their estimates is at
-// least 2 % of the variance of the readings' noise.
+// part of the scatter, and is of errors that the data show: the mean square of their estimates is
+// at least 2 % of the variance of the readings' noise.
 //
 // Consecutive samples whose readings hardly differ (by half a sigma) are of a robot at rest: their
 // errors are the same, and their mean counts once.

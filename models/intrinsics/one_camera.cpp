@@ -57,8 +57,8 @@ const std::vector<LensModel>& lens_models() {
   static const std::vector<LensModel> models = {
       {"pinhole", "pinhole", Lens::pinhole, 0, 0},
       {"brown_conrady_4", "brown_conrady", Lens::brown_conrady, 5, 4},
-      {"kannala_brandt", "kannala_brandt", Lens::kannala_brandt, 4, 4},
       {"brown_conrady_5", "brown_conrady", Lens::brown_conrady, 5, 5},
+      {"kannala_brandt", "kannala_brandt", Lens::kannala_brandt, 4, 4},
       {"brown_conrady_8", "brown_conrady", Lens::brown_conrady, 8, 8}};
   return models;
 }

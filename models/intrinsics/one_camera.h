@@ -20,9 +20,10 @@ struct LensModel {
   int distortion = 0, freed = 0;
   int numbers() const { return 4 + freed; }
 };
-/// Returns the lenses that are tried, those with fewer parameters first. All of them but the
-/// pinhole estimate the tangential distortion: fixed at 0, a usual 5e-4 moves the centre by 6
-/// sigmas where the held-out error shows nothing.
+/// Returns the lenses that are tried, in the order of preference: those with fewer parameters
+/// first, but kannala_brandt as if it had the two of tangential distortion, too. All others but the
+/// pinhole estimate these: fixed at 0, a usual 5e-4 moves the centre by 6 sigmas, and the held-out
+/// error does not show it.
 const std::vector<LensModel>& lens_models();
 /// Returns the other lenses, which are used only if a user or the rig requests them.
 const std::vector<LensModel>& further_lens_models();
