@@ -20,6 +20,8 @@ int show(const std::string& given) {
         given +
         " is the folder of a batch: summary.csv and report.html have all its sets, `kincal show " +
         given + "/SET` shows one");
+  if (folder && !file_exists(path))
+    throw InputError(given + " has no result.json: give the folder that `calibrate --out` wrote");
   const Node node = parse_json(read_file(path), path);
   std::cout << show_text(top(node, path), true);
   if (folder && file_exists(given + "/report.html"))

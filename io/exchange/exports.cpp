@@ -181,7 +181,9 @@ void check_options(const ExportOptions& o) {
     throw InputError("--pose-format is missing: one of " + comma_separated(names));
   }
   if (o.format == "lerobot" && o.from.empty())
-    throw InputError("--from is missing: LeRobot's calibration file, which gets other offsets");
+    throw InputError(
+        "--from is missing: LeRobot's calibration file of this robot. The offsets in a copy of it "
+        "are corrected");
 }
 
 std::string dh_of(const RobotNumbers& robot, const ExportOptions& o) {

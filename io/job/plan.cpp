@@ -588,9 +588,8 @@ std::string plan_text(const PosturePlan& plan) {
     out += ".\n";
   }
   if (plan.enough >= 0)
-    out +=
-        text("%d postures are enough: three times as many lower the error by less than a tenth.\n",
-             plan.enough);
+    out += text("Enough: %d posture%s. Three times as many lower the error by less than a tenth.\n",
+                plan.enough, plan.enough == 1 ? "" : "s");
   else
     out += "More postures still help: three times as many lower the error by more than a tenth.\n";
   if (plan.tolerance && plan.needed >= 0)
