@@ -271,9 +271,9 @@ std::optional<AcceptedHypothesis> choose(const Recording& recording, const Trial
   std::vector<Hypothesis> all =
       hypotheses(recording.rig, recording.table, recording.samples, freed);
   const bool misfit = !good(now);
-  if (!misfit)  // what the markers say is right
+  if (!misfit)
     all.erase(std::remove_if(all.begin(), all.end(),
-                             [](const Hypothesis& h) { return h.numbered_by_markers; }),
+                             [](const Hypothesis& h) { return h.only_of_misfits; }),
               all.end());
   const size_t common = all.size();
   Weighing weighing(recording, context, now);

@@ -58,10 +58,11 @@ struct Hypothesis {
   std::vector<std::string> free = {};  // parameters that are free besides
   bool new_poses =
       false;  // freed poses mean something else now: their values are to be found in closed form
-  bool many = false;        // one of a kind that is much: not tried where another explains all
-  bool leaves_out = false;  // undo() leaves out what it cannot put right
-  bool numbered_by_markers = false;  // it is about the numbering of points that markers identify
-  int ignored_joint = -1;            // joint whose readings do not count, -1: none
+  bool many = false;             // one of a kind that is much: not tried where another explains all
+  bool leaves_out = false;       // undo() leaves out what it cannot put right
+  bool only_of_misfits = false;  // it explains no parameters that moved: markers identify the
+                                 // points, or another lens fits as well
+  int ignored_joint = -1;        // joint whose readings do not count, -1: none
   /// What the numbers found for `free` say, the mistake and its cure; no mistake: not believed. An
   /// empty function: `mistake` and `cure` stand as they are.
   std::function<std::pair<std::string, std::string>(const std::vector<double>&)> told = {};

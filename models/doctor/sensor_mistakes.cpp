@@ -374,6 +374,7 @@ void add_fisheyes(const Rig& rig, const ObservationIndex& observations,
           camera_parameters(Lens::kannala_brandt, intrinsics, {0, 0, 0, 0}, baseline);
     };
     h.free = {"sensor/" + sensor.name + "/distortion"};
+    h.only_of_misfits = true;
     out.push_back(std::move(h));
   }
 }

@@ -194,7 +194,7 @@ void add_boards(const Rig& rig, const ObservationIndex& observations,
                          !changed.sensors[v.sensor].model->measures_pose())
                        relabel(v, changed.targets[v.target], places.at(v.target));
                    })});
-    out.back().numbered_by_markers = std::all_of(places.begin(), places.end(), [&](const auto& p) {
+    out.back().only_of_misfits = std::all_of(places.begin(), places.end(), [&](const auto& p) {
       return numbered_by_markers(rig.targets[p.first]);
     });
   };

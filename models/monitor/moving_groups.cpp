@@ -21,15 +21,14 @@ class MovingGroups {
         add_parameter(table_.sensor_mount[s]);
       add_own(static_cast<int>(s));
       add_joints(rig_.sensors[s].link);
+      add_carrier(rig_.sensors[s].link, table_.sensor_mount[s]);
     }
     for (size_t t = 0; t < rig_.targets.size(); ++t) {
       if (rig_.targets[t].link < 0) continue;
       add_parameter(table_.target_mount[t]);
       add_joints(rig_.targets[t].link);
+      add_carrier(rig_.targets[t].link, table_.target_mount[t]);
     }
-    // Origins of joints are mounts where the calibration estimated them.
-    for (const Component& c : estimated_)
-      if (table_.all[c.parameter].kind == ParameterKind::joint_origin) add_parameter(c.parameter);
     for (const int j : joints_) add_parameter(table_.joint_offset[j]);
     return std::move(groups_);
   }
@@ -54,6 +53,12 @@ class MovingGroups {
     if (joint < 0 || estimated(table_.sensor_mount[sensor])) return false;
     return std::count_if(rig_.sensors.begin(), rig_.sensors.end(),
                          [&](const Sensor& other) { return carrier(other.link) == joint; }) == 1;
+  }
+  /// An estimated origin that stands for the mount of what is on a link. (Other origins are lengths
+  /// of the robot, which do not change from one sample to the next.)
+  void add_carrier(int link, int mount) {
+    const int joint = carrier(link);
+    if (joint >= 0 && !estimated(mount)) add_parameter(table_.joint_origin[joint]);
   }
   void add_joints(int link) {
     for (const PathStep& step : find_path(rig_.tree, rig_.base, link)) {

@@ -11,8 +11,8 @@
 
 namespace kincal {
 
-/// Returns the groups by name. Joints count that can show in samples; origins of joints are mounts
-/// where the calibration estimated them.
+/// Returns the groups by name. Joints count that can show in samples; an estimated origin of a
+/// joint counts as a mount if it carries a sensor or target whose own mount is not estimated.
 std::vector<std::pair<std::string, std::vector<Component>>> moving_groups(
     const Rig& rig, const ParameterTable& table, const std::vector<Component>& estimated);
 
