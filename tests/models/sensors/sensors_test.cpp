@@ -190,7 +190,10 @@ void check_derivatives(const Stage& s, double step = 1e-3, double tolerance = 1e
 /// A 2 x 3 grid of 5 cm, of which four points are seen.
 void set_grid(Stage& s) {
   s.layout.resize(3, 6);
-  for (int i = 0; i < 6; ++i) s.layout.col(i) << i % 3, i / 3, 0;
+  for (int i = 0; i < 6; ++i) {
+    const int row = i / 3;
+    s.layout.col(i) << i % 3, row, 0;
+  }
   s.points = 0.05 * s.layout;
   s.ids = {4, 0, 2, 5};
 }
