@@ -15,7 +15,7 @@
 namespace kincal {
 namespace {
 
-constexpr double kLeastRedundancy = 5, kLeastShare = 0.02, kMostUncertain = 0.5;
+constexpr double kLeastRedundancy = 5, kMostUncertain = 0.5;
 constexpr double kLeastFactor = 1e-4;        // of a variance
 const double kGuessSpread = std::log(4.0);   // of a guess, in its logarithm
 const double kJointsDiffer = std::log(2.0);  // noise of joints of one kind, in its logarithm

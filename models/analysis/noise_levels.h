@@ -64,6 +64,10 @@
 
 namespace kincal {
 
+/// The share of a kind of noise that the data must show, of its variance; with less it cannot be
+/// estimated, and nothing is said of it.
+constexpr double kLeastShare = 0.02;
+
 /// A NoiseLevel is the noise of one part of a sensor or of one joint.
 struct NoiseLevel {
   std::string of;               // "sensor/NAME" or "joint/NAME"

@@ -9,6 +9,7 @@
 #include "../../solver/decompositions.h"
 #include "../rig/distributions.h"
 #include "../rig/numbers.h"
+#include "noise_levels.h"
 
 namespace kincal {
 namespace {
@@ -19,7 +20,6 @@ constexpr double kJump = 4.8;       // standard deviations, the largest of many
 constexpr double kMost = 0.35;      // share of the scatter
 constexpr double kSame = 1e-6;      // of columns that depend on each other
 constexpr long kLeft = 8;           // samples more than columns and errors
-constexpr double kSeen = 0.02;      // share of a variance that data show: as of noise levels
 
 /// The errors of one joint (of a floating one six), by training sample.
 struct JointErrors {
@@ -63,7 +63,7 @@ bool shows(const Rig& rig, const JointErrors& errors) {
   for (size_t c = 0; c < errors.axes.size(); ++c) {
     const double sigma = rig.joints[errors.axes[c]].sigma;
     if (errors.values.col(static_cast<long>(c)).squaredNorm() >
-        kSeen * sigma * sigma * static_cast<double>(errors.values.rows()))
+        kLeastShare * sigma * sigma * static_cast<double>(errors.values.rows()))
       return true;
   }
   return false;

