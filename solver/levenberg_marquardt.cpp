@@ -25,7 +25,6 @@ constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up 
 constexpr int kPatience = 6;           // steps near the minimum before curvature is looked for, and
 constexpr int kPatienceShare = 8;      // not before this part of the linearisations it costs
 constexpr int kMemory = 5;             // steps that the acceleration looks back
-constexpr int kParts = 4;              // of an undamped step: all, a quarter, ...
 constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
 
 /// The first group whose residual is undefined; where none is, and only the sum of all costs
@@ -182,16 +181,9 @@ struct LevenbergMarquardt::Workspace {
       trial.accelerated = false;
       forget();
     }
-    const VectorXd& f = found[remembered];
-    double share = 1;
-    for (int part = 0; part < kParts; ++part, share /= 4) {
-      arrowhead.shared_step = share * f.head(arrowhead.n);
-      arrowhead.private_step = share * f.tail(arrowhead.private_size);
-      if (accepts(state, doubled, trial) &&
-          (part == 0 || doubled - trial.cost.doubled > 0.1 * share * trial.promised))
-        return true;
-    }
-    return false;
+    arrowhead.shared_step = found[remembered].head(arrowhead.n);
+    arrowhead.private_step = found[remembered].tail(arrowhead.private_size);
+    return accepts(state, doubled, trial);
   }
   /// Second derivatives cost a linearisation a column, an ordinary step about two: before they are
   /// looked for steps have cost a quarter as much.
@@ -314,8 +306,8 @@ void LevenbergMarquardt::Workspace::solve(VectorXd& state) {
   renewable = problem.renew(state);
   linearised = Linearised::nowhere;
   hopeful = true;
-  double lambda = 1e-4;
-  bool near = false;  // to the minimum: undamped steps come first, covariances are fresh
+  bool near = options.near_minimum;  // undamped steps come first, covariances are fresh
+  double lambda = near ? kNegligible : 1e-4;
   best = kInfinity;
   stalled = remembered = 0;
   patience = wait = first_patience();

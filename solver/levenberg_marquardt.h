@@ -17,21 +17,23 @@
 // 3 % of 1. Near it (steps below one standard deviation, or that promise little, or undamped ones
 // that were accepted) the undamped step is solved for first, which is what the decrement needs
 // anyway; then these are tried until one lowers the cost: its Anderson acceleration, the step
-// itself, shares of it (it leads downhill), damped steps. If the model cannot explain the
-// residuals, the undamped step is poor: missing second derivatives make it too short, or so long
-// that it raises the cost. The last few undamped steps and the actual path of the iteration show
-// the missing part, whichever step was taken. If this takes long (six steps, more with many shared
-// columns), second derivatives are computed by differences of gradients, a linearisation for each
-// column, once and then after twice as many steps each time: S = H - J'WJ, column by column, is
-// added to the linearisation until steps with it fail to lower the cost. Covariances that depend on
-// the state are renewed after each step near the minimum: the point where nothing moves, J'(x) W(x)
-// r(x) = 0, is the same as that of complete minimisations in turn. Where a step is likely to be
-// accepted and not the last one, its end is linearised at once, which gives the cost and is the
-// next iteration's linearisation; after a rejected one trials evaluate only, and a rejected step
-// repeats the elimination, not the linearisation (a RangeProblem: both, and it always evaluates;
-// there only the test of the end is undamped). Groups are partitioned by the problem's size alone,
-// each worker sums one piece at a time, and pieces are added in their order to shares, these to the
-// totals: the result is the same to the last bit for any number of threads.
+// itself, damped steps. (Shares of a step that raised the cost, which need no elimination, took
+// twice as many iterations along the curved valleys of loads times compliances.) If the model
+// cannot explain the residuals, the undamped step is poor: missing second derivatives make it too
+// short, or so long that it raises the cost. The last few undamped steps and the actual path of the
+// iteration show the missing part, whichever step was taken. If this takes long (six steps, more
+// with many shared columns), second derivatives are computed by differences of gradients, a
+// linearisation for each column, once and then after twice as many steps each time: S = H - J'WJ,
+// column by column, is added to the linearisation until steps with it fail to lower the cost.
+// Covariances that depend on the state are renewed after each step near the minimum: the point
+// where nothing moves, J'(x) W(x) r(x) = 0, is the same as that of complete minimisations in turn.
+// Where a step is likely to be accepted and not the last one, its end is linearised at once, which
+// gives the cost and is the next iteration's linearisation; after a rejected one trials evaluate
+// only, and a rejected step repeats the elimination, not the linearisation (a RangeProblem: both,
+// and it always evaluates; there only the test of the end is undamped). Groups are partitioned by
+// the problem's size alone, each worker sums one piece at a time, and pieces are added in their
+// order to shares, these to the totals: the result is the same to the last bit for any number of
+// threads.
 #pragma once
 
 #include <memory>
@@ -52,6 +54,8 @@ struct SolverOptions {
   /// The stopping rule of other solvers, for comparisons: a solve also converges when an accepted
   /// step lowers the cost by at most this share. With 0 this rule is off.
   double relative_decrease = 0;
+  /// True: the start is close to the minimum, so undamped steps come first.
+  bool near_minimum = false;
   /// False: never computes second derivatives, for comparisons.
   bool second_derivatives = true;
   bool stop = true;  // false: iterates on at the minimum until max_iterations, for comparisons

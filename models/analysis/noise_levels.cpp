@@ -7,6 +7,7 @@
 #include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
 #include "../../solver/kernels.h"
+#include "../../solver/observability.h"
 #include "../estimation/estimation.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
@@ -17,6 +18,7 @@ namespace {
 
 constexpr double kLeastRedundancy = 5, kMostUncertain = 0.5;
 constexpr double kLeastFactor = 1e-4;        // of a variance
+constexpr int kWaiting = 32;                 // rows that are summed at once
 const double kGuessSpread = std::log(4.0);   // of a guess, in its logarithm
 const double kJointsDiffer = std::log(2.0);  // noise of joints of one kind, in its logarithm
 
@@ -62,6 +64,8 @@ struct NoiseKinds {
   std::vector<RowSums> sums;             // by level; the last ones are the priors'
   int shared_size = 0, ld = 0;
   MatrixXd shared;  // by level a column: minus the sum of B'B, the lower triangle, `ld` x size
+  std::vector<MatrixXd> waiting;  // by level: rows of B that are not in it yet, each in a column
+  std::vector<int> waits;         // by level: how many
 
   int count() const { return static_cast<int>(sums.size()); }
   bool is_priors(int kind) const { return kind + 1 == count(); }
@@ -135,6 +139,8 @@ NoiseKinds find_kinds(const EstimationSetup& setup, const Rig& rig, int shared_s
   out.shared_size = shared_size;
   out.ld = padded(shared_size) + kSlack;
   out.shared.setZero(static_cast<Eigen::Index>(out.ld) * shared_size, out.count());
+  out.waiting.assign(out.count(), MatrixXd(out.ld, kWaiting));
+  out.waits.assign(out.count(), 0);
   return out;
 }
 
@@ -173,44 +179,45 @@ void add_residuals(const EstimationSetup& setup, const Rig& rig,
   }
 }
 
-/// The rows of one group of the problem: U and B of the header, row i in column i (zeros below to a
-/// multiple of 8), its residuals, and which rows are which kind of noise.
+/// The rows of one group of the problem, with V an orthonormal basis of the space that the private
+/// unknowns leave: 1 - U U' = V V'.
 struct ProjectedRows {
-  MatrixXd u, b;
+  MatrixXd left;   // V', a column for each row
+  MatrixXd moved;  // (V'J_shared T)': B' = moved V'; zeros below
   std::vector<NoiseRows> kinds;
   VectorXd residuals;
 };
 
-/// Eliminates the private unknowns of one group; `root` is T of the header.
+/// Eliminates the private unknowns of one group; `root` is T of the header, `ld` as of NoiseKinds.
 ProjectedRows project(const Estimation& problem, int group, const VectorXd& state,
-                      const MatrixXd& root) {
+                      const MatrixXd& root, int ld) {
   ProjectedRows out;
   MatrixXd rows;
   const GroupShape& shape = problem.groups()[group];
   problem.noise_rows(group, state, rows, out.kinds);
   const int k = shape.private_size, m = static_cast<int>(shape.columns.size()),
             n = static_cast<int>(root.cols());
-  const int ld = padded(n) + kSlack, count = static_cast<int>(rows.rows());
+  MatrixXd own(rows.rows(), k + rows.rows());
+  own << rows.leftCols(k), MatrixXd::Identity(rows.rows(), rows.rows());
+  long rank = 0;
+  out.left = eliminate(std::move(own), k, rank);
+  const MatrixXd across = out.left * rows.middleCols(k, m);
+  const int count = static_cast<int>(across.rows());
   MatrixXd t(ld, m);  // row i of T in column i
-  t.bottomRows(ld - n).setZero();
   for (int i = 0; i < m; ++i) t.col(i).head(n) = root.row(shape.columns[i]).transpose();
-  out.b.resize(ld, count);
-  out.b.bottomRows(ld - n).setZero();
-  kernels().multiply(rows.col(k).data(), 1, count, count, m, t.data(), ld, n, out.b.data(), ld);
-  out.u.resize(0, count);
-  if (k > 0) {
-    const MatrixXd u = range_of(rows.leftCols(k));
-    const int rank = static_cast<int>(u.cols());
-    MatrixXd within(ld, rank), taken(ld, count);
-    within.bottomRows(ld - n).setZero();
-    kernels().multiply(u.data(), count, 1, rank, count, out.b.data(), ld, n, within.data(), ld);
-    kernels().multiply(u.data(), 1, count, count, rank, within.data(), ld, n, taken.data(), ld);
-    out.b.topRows(n) -= taken.topRows(n);
-    out.u.setZero(padded(static_cast<int>(u.cols())), u.rows());
-    out.u.topRows(u.cols()) = u.transpose();
-  }
+  t.bottomRows(ld - n).setZero();
+  out.moved.resize(ld, count);
+  out.moved.bottomRows(ld - n).setZero();
+  kernels().multiply(across.data(), 1, count, count, m, t.data(), ld, n, out.moved.data(), ld);
   out.residuals = rows.col(k + m);
   return out;
+}
+
+/// Adds the waiting rows of one kind to `shared`.
+void add_waiting(int kind, NoiseKinds& kinds) {
+  kernels().subtract_product(kinds.shared.col(kind).data(), kinds.shared_size, kinds.ld,
+                             kinds.waiting[kind].data(), std::exchange(kinds.waits[kind], 0),
+                             kinds.ld);
 }
 
 /// Adds one group of the problem to the sums, and what it has for itself to S: with P = U U' and Q
@@ -218,16 +225,18 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
 /// j, and <U_g'B_g, U_j'B_j> that of all P(i, l) Q(i, l).
 void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
   const Eigen::Index count = rows.residuals.size();
-  const MatrixXd p = gram(rows.u), q = gram(rows.b);
-  const int n = kinds.shared_size, ld = static_cast<int>(rows.b.rows());
+  const MatrixXd p = MatrixXd::Identity(count, count) - rows.left.transpose() * rows.left,
+                 q = rows.left.transpose() * gram(rows.moved) * rows.left;
   VectorXd of_column(count);
   for (const NoiseRows& w : rows.kinds) {
     const int kind = kinds.of(w);
     RowSums& sum = kinds.sums[kind];
     sum.squares += rows.residuals.segment(w.first, w.count).squaredNorm();
     sum.projected += (p + q).diagonal().segment(w.first, w.count).sum();
-    kernels().subtract_product(kinds.shared.col(kind).data(), n, kinds.ld,
-                               rows.b.col(w.first).data(), w.count, ld);
+    for (int i = w.first; i < w.first + w.count; ++i) {
+      if (kinds.waits[kind] == kWaiting) add_waiting(kind, kinds);
+      kinds.waiting[kind].col(kinds.waits[kind]++).noalias() = rows.moved * rows.left.col(i);
+    }
     if (!w.view) sum.weights += w.count;
     if (w.joint >= 0) ++kinds.levels[kind].rows;
     const auto pw = p.middleCols(w.first, w.count), qw = q.middleCols(w.first, w.count);
@@ -254,8 +263,9 @@ RowsLeft find_rows_left(const Estimation& problem, const VectorXd& state,
   for (size_t g = 0; g < problem.groups().size(); ++g) {
     if (g % kGroupsTold == 0)
       progress.share(static_cast<double>(g), static_cast<double>(problem.groups().size()));
-    add_group(project(problem, static_cast<int>(g), state, root), kinds, out.s);
+    add_group(project(problem, static_cast<int>(g), state, root, kinds.ld), kinds, out.s);
   }
+  for (int kind = 0; kind < groups; ++kind) add_waiting(kind, kinds);
   // The product of two symmetric matrices: what is below the diagonal counts twice.
   for (int g = 0; g < groups; ++g) {
     Eigen::Map<MatrixXd> sum(kinds.shared.col(g).data(), kinds.ld, kinds.shared_size);

@@ -17,7 +17,7 @@ namespace {
 const char* const kMounts = "mounts";
 const char* const kEverything = "everything";
 constexpr int kLinearisations = 4, kWidthRounds = 60, kNoiseRounds = 30;
-constexpr int kFitIterations = 6;  // between two estimates of the noise
+constexpr int kFitIterations = 6;  // between two estimates of noise that is not at rest
 constexpr double kSettled =
     0.1;  // change of a width, relative, that asks for no linearisation anew
 
@@ -285,7 +285,9 @@ Learned learn(const Recording& given, const StepPlan& plan, const AutomaticGroup
     factor = out.widths.factor;
     settled = settled || change < kSettled || pass + 1 == kLinearisations;
     if (!settled) continue;  // (what is far off would be taken for noise)
-    fit_options.solver.max_iterations = kFitIterations;
+    fit_options.solver.near_minimum = true;
+    fit_options.solver.max_iterations =
+        out.at_rest ? SolverOptions().max_iterations : kFitIterations;
     NoisyRecording next{out.recording, {}};
     if (scaled) next.doubted.factor = out.noise_factor;
     if (options.noise_is == StatedNoise::wrong) next.doubted.stated = &given.rig;

@@ -1270,6 +1270,24 @@ TEST_CASE("levenberg-marquardt: second derivatives save steps where residuals ar
   CHECK(with < without);
 }
 
+TEST_CASE("levenberg-marquardt: close to the minimum the first step is undamped already") {
+  Curves curves(4, 0.01);
+  SolverOptions options;
+  VectorXd far = VectorXd::Ones(5);
+  const SolveSummary best = LevenbergMarquardt(curves, options).solve(far);
+  REQUIRE(best.outcome == Outcome::converged);
+  VectorXd damped = far, close = far;
+  damped.array() += 1e-4;
+  close.array() += 1e-4;
+  const SolveSummary with = LevenbergMarquardt(curves, options).solve(damped);
+  options.near_minimum = true;
+  const SolveSummary without = LevenbergMarquardt(curves, options).solve(close);
+  REQUIRE(without.outcome == Outcome::converged);
+  CHECK(with.history[1].second > 1e-5);
+  CHECK(without.history[1].second < 1e-9);
+  CHECK((close - far).norm() < 1e-6 * far.norm());
+}
+
 TEST_CASE(
     "levenberg-marquardt: can be cancelled between the linearisations of second derivatives") {
   int asked = 0;
