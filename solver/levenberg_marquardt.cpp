@@ -25,6 +25,8 @@ constexpr double kFaithful = 0.03;     // from 1: a gain that allows to give up 
 constexpr int kPatience = 6;           // steps near the minimum before curvature is looked for, and
 constexpr int kPatienceShare = 8;      // not before this part of the linearisations it costs
 constexpr int kMemory = 5;             // steps that the acceleration looks back
+constexpr int kParts = 4;              // of an undamped step: all, a quarter, ...
+constexpr double kExplained = 10;      // chi2 a row: below it residuals are about as large as noise
 constexpr double kExtrapolated = 1e4;  // largest coefficient of an acceleration
 
 /// The first group whose residual is undefined; where none is, and only the sum of all costs
@@ -181,9 +183,17 @@ struct LevenbergMarquardt::Workspace {
       trial.accelerated = false;
       forget();
     }
-    arrowhead.shared_step = found[remembered].head(arrowhead.n);
-    arrowhead.private_step = found[remembered].tail(arrowhead.private_size);
-    return accepts(state, doubled, trial);
+    const VectorXd& f = found[remembered];
+    double share = 1;
+    const int parts = doubled > kExplained * arrowhead.rows ? kParts : 1;
+    for (int part = 0; part < parts; ++part, share /= 4) {
+      arrowhead.shared_step = share * f.head(arrowhead.n);
+      arrowhead.private_step = share * f.tail(arrowhead.private_size);
+      if (accepts(state, doubled, trial) &&
+          (part == 0 || doubled - trial.cost.doubled > 0.1 * share * trial.promised))
+        return true;
+    }
+    return false;
   }
   /// Second derivatives cost a linearisation a column, an ordinary step about two: before they are
   /// looked for steps have cost a quarter as much.

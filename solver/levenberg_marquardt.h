@@ -17,10 +17,10 @@
 // 3 % of 1. Near it (steps below one standard deviation, or that promise little, or undamped ones
 // that were accepted) the undamped step is solved for first, which is what the decrement needs
 // anyway; then these are tried until one lowers the cost: its Anderson acceleration, the step
-// itself, damped steps. (Shares of a step that raised the cost, which need no elimination, took
-// twice as many iterations along the curved valleys of loads times compliances.) If the model
-// cannot explain the residuals, the undamped step is poor: missing second derivatives make it too
-// short, or so long that it raises the cost. The last few undamped steps and the actual path of the
+// itself, damped steps. Before these, shares of it if residuals are larger than noise (it leads
+// downhill; along a curved valley of the right model shares would creep). If the model cannot
+// explain the residuals, the undamped step is poor: missing second derivatives make it too short,
+// or so long that it raises the cost. The last few undamped steps and the actual path of the
 // iteration show the missing part, whichever step was taken. If this takes long (six steps, more
 // with many shared columns), second derivatives are computed by differences of gradients, a
 // linearisation for each column, once and then after twice as many steps each time: S = H - J'WJ,
