@@ -145,11 +145,11 @@ void read_mount(const Field& field, const Tree& tree, int base, Target& target) 
   if (target.pose_given) target.link_T_target = field["pose"].pose();
 }
 
-/// The corners of a marker, clockwise from the upper left; x right and y up in it.
-Eigen::Matrix3Xd marker_corners(double size) {
+/// The corners of a marker of size 1, clockwise from the upper left; x right and y up in it.
+Eigen::Matrix3Xd marker_corners() {
   Eigen::Matrix3Xd corners(3, 4);
   corners << -1, 1, 1, -1, 1, 1, -1, -1, 0, 0, 0, 0;
-  return 0.5 * size * corners;
+  return 0.5 * corners;
 }
 
 Target read_target(const std::string& name, const Field& field, const Tree& tree, int base) {
@@ -159,11 +159,18 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
   target.type = keys.name;
   const bool marker = target.type == "marker";
   const bool plane = target.type == "plane";
-  target.grid = target.type != "points" && !marker && !plane;
-  if (target.grid) {
+  target.grid = target.type != "points" && !plane;
+  if (marker) {
+    target.layout = marker_corners();
+    target.y_up = true;
+    field["id"].integer(0, kMostPoints);
+    field["dictionary"].string();
+  } else if (target.grid) {
     const GridLayout grid = read_layout(field, target.type);
     target.layout = grid_layout(grid);
     target.y_up = grid.kind == GridLayout::Kind::tags;  // as Kalibr counts them
+  }
+  if (target.grid) {
     target.square = field[keys.size].positive();
     if (field.has("warp")) {
       target.bulge = warp_shapes(target.layout);
@@ -171,11 +178,6 @@ Target read_target(const std::string& name, const Field& field, const Tree& tree
     }
     if (field.has("print"))
       target.print = Eigen::Map<const Eigen::Vector2d>(field["print"].vector(2).data());
-  } else if (marker) {
-    target.points = marker_corners(field["size"].positive());
-    target.y_up = true;
-    field["id"].integer(0, kMostPoints);
-    field["dictionary"].string();
   } else if (plane) {
     target.points = Eigen::Vector3d::Zero();  // it is z = 0: any point of it would do
   } else {

@@ -21,7 +21,7 @@ const std::vector<TargetKeys>& target_types() {
        {"rows", "columns", "tag", "spacing", "family"},
        {"warp", "print", "first_id"},
        "tag"},
-      {"marker", {"dictionary", "id", "size"}, {}, ""},
+      {"marker", {"dictionary", "id", "size"}, {"warp", "print"}, "size"},
       {"points", {"points"}, {}, ""},
       {"plane", {}, {}, ""}};
   return types;

@@ -93,7 +93,9 @@ bool numbered_by_markers(const Target& target) {
   return target.type == "charuco" || target.type == "apriltag_grid";
 }
 
-int points_of_mark(const Target& target) { return target.type == "apriltag_grid" ? 4 : 1; }
+int points_of_mark(const Target& target) {
+  return target.type == "apriltag_grid" || target.type == "marker" ? 4 : 1;
+}
 
 std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m) {
   const Matrix3Xd& layout = target.layout;

@@ -10,6 +10,7 @@
 #include "../../../kinematics/floating.h"
 #include "../../../models/rig/parameters.h"
 #include "../../../models/rig/recording.h"
+#include "../../../models/rig/targets.h"
 #include "../../fixtures/height_sensor.h"
 #include "../../fixtures/quadratic_joint.h"
 
@@ -562,6 +563,29 @@ TEST_CASE("a rig written with new values has them when read back", "[rig]") {
   // a second writing of the same values changes nothing but rotations' last digits
   const std::string again = rig_text(written, values_of(written.rig), "new robot.urdf");
   CHECK(again == text);
+}
+
+TEST_CASE("a marker is a board of one field, whose size is written and read", "[rig]") {
+  const Place place;
+  std::string text = kRig;
+  const std::string marker =
+      "  tag: {type: marker, dictionary: DICT_4X4_50, id: 3, size: 0.02, mount: free}\n";
+  place.write("rig.yaml", text.insert(text.find("sensors:\n"), marker));
+  const RigFile rig = read_rig(place.rig);
+  const Eigen::Matrix3Xd corners = target_points(rig.rig.targets.back());
+  CHECK(corners.col(0) == Vector3d(-0.01, 0.01, 0));  // clockwise from the upper left, y up
+  CHECK(corners.col(1) == Vector3d(0.01, 0.01, 0));
+  CHECK(corners.col(2) == Vector3d(0.01, -0.01, 0));
+  CHECK(corners.col(3) == Vector3d(-0.01, -0.01, 0));
+  RigValues values = values_of(rig.rig);
+  CHECK(rig_text(rig, values, "robot.urdf") == to_yaml(rig.node));
+  values.target_squares.back() = 0.018;
+  values.target_prints.back() = Eigen::Vector2d(0.001, 0);
+  place.write("written.yaml", rig_text(rig, values, "robot.urdf"));
+  const Target written = read_rig((place.directory / "written.yaml").string()).rig.targets.back();
+  CHECK(written.type == "marker");
+  CHECK(written.square == 0.018);
+  CHECK(written.print == Eigen::Vector2d(0.001, 0));
 }
 
 TEST_CASE("joint values win over every glob when written", "[rig]") {
