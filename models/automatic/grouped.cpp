@@ -435,6 +435,19 @@ std::vector<AutomaticGroup> told(const AutomaticGroups& groups, const Learned& l
   return out;
 }
 
+/// Turns poses about their pivots back to the rig's rotation (`initial`).
+void turn_to_initial(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
+                     const VectorXd& initial, VectorXd& shared) {
+  for (const auto& [parameter, pivot] : pivots) {
+    const int start = table.all[parameter].start;
+    Pose pose = get_pose(shared, start);
+    const Matrix3d given = get_pose(initial, start).rotation;
+    pose.translation += (pose.rotation - given) * pivot;
+    pose.rotation = given;
+    set_pose(shared, start, pose);
+  }
+}
+
 /// Gauges of the mounts: one component of each is fixed, where the rig gives its pose as given.
 std::vector<Gauge> fix_gauges(const Recording& recording, const VectorXd& initial,
                               AutomaticGroups& groups, VectorXd& shared) {
@@ -539,7 +552,7 @@ std::shared_ptr<const LearnedModel> learn_model(const Model& model) {
   const CalibrationOptions run = plain(options);
   Solution& mounts = out->mounts = mounts_alone(model, out->at_start(), groups, run);
   if (!groups.mounts.empty()) {
-    turn_back(recording.table, groups.pivots, mounts.initial, mounts.values.shared);
+    turn_to_initial(recording.table, groups.pivots, mounts.initial, mounts.values.shared);
     out->gauges = fix_gauges(recording, mounts.initial, groups, mounts.values.shared);
   }
   const StepPlan plan = resolve_steps(*out->at_start(), run).back();

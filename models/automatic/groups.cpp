@@ -65,7 +65,7 @@ struct PointSpread {
 
 class GroupMaker {
  public:
-  explicit GroupMaker(const Recording& recording);
+  GroupMaker(const Recording& recording, const std::vector<std::string>& frames);
   const std::vector<char>& used() const { return used_; }
   AutomaticGroups make() {
     make_mounts();
@@ -89,6 +89,7 @@ class GroupMaker {
   void add_single(int joint, const std::vector<char>& scans);
   std::vector<Chain> chains() const;
   std::map<int, std::string> runs() const;
+  std::map<int, std::string> runs_of(const std::vector<char>& member) const;
   bool is_mount(int parameter) const { return find_freed(out_.mounts, parameter) != nullptr; }
   void add(const std::string& group, int parameter, int component);
   void add(const std::string& group, int parameter, int component, double start, bool seen = true);
@@ -98,11 +99,12 @@ class GroupMaker {
   const std::vector<Sample>& recorded_;
   std::vector<const Sample*> samples_;  // of the training: held-out ones decide nothing
   std::vector<char> used_;              // by parameter: some measurement depends on it
-  std::vector<char> carries_;  // by joint: it stands between the base and a sensor or target
+  std::vector<char> carries_;  // by joint: 1 between the base and a sensor or target, 2 only
+                               // between the base and a requested frame
   AutomaticGroups out_;
 };
 
-GroupMaker::GroupMaker(const Recording& recording)
+GroupMaker::GroupMaker(const Recording& recording, const std::vector<std::string>& frames)
     : rig_(recording.rig), table_(recording.table), recorded_(recording.samples) {
   for (const int i : recording.training()) samples_.push_back(&recording.samples[i]);
   EstimationSetup setup;
@@ -112,16 +114,19 @@ GroupMaker::GroupMaker(const Recording& recording)
   if (probe.groups().empty()) throw std::invalid_argument("no training sample has a view");
   used_ = probe.influencing();
   carries_.assign(rig_.tree.joints.size(), 0);
-  const auto carry = [&](int link) {
+  const auto carry = [&](int link, char what) {
     try {
-      for (const PathStep& step : find_path(rig_.tree, rig_.base, link)) carries_[step.joint] = 1;
+      for (const PathStep& step : find_path(rig_.tree, rig_.base, link))
+        if (carries_[step.joint] == 0) carries_[step.joint] = what;
     } catch (const std::invalid_argument&) {  // a link that no path leads to
     }
   };
   for (size_t s = 0; s < rig_.sensors.size(); ++s)
-    if (used_[table_.sensor_pose[s]]) carry(rig_.sensors[s].link);
+    if (used_[table_.sensor_pose[s]]) carry(rig_.sensors[s].link, 1);
   for (size_t t = 0; t < rig_.targets.size(); ++t)
-    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]]) carry(rig_.targets[t].link);
+    if (table_.target_pose[t] >= 0 && used_[table_.target_pose[t]]) carry(rig_.targets[t].link, 1);
+  for (const std::string& frame : frames)
+    if (const int link = rig_.tree.find_link(frame); link >= 0) carry(link, 2);
 }
 
 /// The joint that moves a sensor and the others of its rectified pair: the one that the rig names
@@ -323,17 +328,25 @@ std::vector<Chain> GroupMaker::chains() const {
   return chains;
 }
 
-/// By joint of a path between sensors and targets or from the base to one of them: the run that it
-/// is in, by its first joint and its last.
+/// By joint of a path between sensors and targets or from the base to one of them, or to a
+/// requested frame: the run that it is in, by its first joint and its last.
 std::map<int, std::string> GroupMaker::runs() const {
-  std::vector<char> member(rig_.tree.joints.size(), 0);
+  std::vector<char> member(rig_.tree.joints.size(), 0), requested = member;
   for (const Chain& chain : chains())
     for (const PathStep& step : find_path(rig_.tree, chain.base, chain.tip)) member[step.joint] = 1;
-  std::vector<int> children(rig_.tree.links.size(), 0), first(rig_.tree.joints.size(), -1);
   for (size_t j = 0; j < member.size(); ++j) {
-    member[j] = member[j] || carries_[j];
-    if (member[j]) ++children[rig_.tree.joints[j].parent];
+    member[j] = member[j] || carries_[j] == 1;
+    requested[j] = !member[j] && carries_[j] == 2;
   }
+  std::map<int, std::string> out = runs_of(member);
+  out.merge(runs_of(requested));
+  return out;
+}
+
+std::map<int, std::string> GroupMaker::runs_of(const std::vector<char>& member) const {
+  std::vector<int> children(rig_.tree.links.size(), 0), first(rig_.tree.joints.size(), -1);
+  for (size_t j = 0; j < member.size(); ++j)
+    if (member[j]) ++children[rig_.tree.joints[j].parent];
   const auto begin_of = [&](int j) {
     for (;;) {
       const int link = rig_.tree.joints[j].parent, above = rig_.tree.joint_above[link];
@@ -589,7 +602,7 @@ Rig with_pair_poses(Rig rig) {
 }
 
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice) {
-  GroupMaker maker(recording);
+  GroupMaker maker(recording, choice.frames);
   AutomaticGroups out = maker.make();
   const std::vector<char> with = chosen(out.groups, choice.with, "group"),
                           without = chosen(out.groups, choice.without, "no_group");
@@ -608,18 +621,6 @@ AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choic
   out.groups = std::move(kept);
   place_stated(recording, maker.used(), out);
   return out;
-}
-
-void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
-               const VectorXd& initial, VectorXd& shared) {
-  for (const auto& [parameter, pivot] : pivots) {
-    const int start = table.all[parameter].start;
-    Pose pose = get_pose(shared, start);
-    const Matrix3d given = get_pose(initial, start).rotation;
-    pose.translation += (pose.rotation - given) * pivot;
-    pose.rotation = given;
-    set_pose(shared, start, pose);
-  }
 }
 
 std::string nothing_free(const Recording& recording, bool on_demand, bool no_evidence) {

@@ -35,7 +35,9 @@
 // about 4 n for n joints), but each has its own error. If those that others can express
 // (rig/geometry.h) were omitted, an error of one would appear as a multiple in another, or as a
 // board's size. Joints between the base and the point where the paths to sensors and targets branch
-// are members too, but no measurement depends on them: only their group's width is known.
+// are members too, but no measurement depends on them: only their group's width is known. So are
+// those of a branch that no sensor or target is on, if the error of a frame there is requested, as
+// a run of their own.
 #pragma once
 
 #include <map>
@@ -113,9 +115,10 @@ inline bool is_further(const std::string& group) {
          group == kPrints || group == kWarps || group == kMarkers;
 }
 
-/// A GroupChoice has names and globs of groups to add to the usual ones, and to omit.
+/// A GroupChoice has names and globs of groups to add to the usual ones, and to omit, and the
+/// frames whose predicted error is requested (links; other names change nothing).
 struct GroupChoice {
-  std::vector<std::string> with, without;
+  std::vector<std::string> with, without, frames = {};
 };
 
 /// Returns for each own[k] of a joint model whether the position depends on it in some training
@@ -151,10 +154,6 @@ Rig with_pair_poses(Rig rig);
 /// @throws std::invalid_argument: no training sample has a view; NameError beginning with
 /// "group[N]" or "no_group[N]": no group has the name.
 AutomaticGroups make_groups(const Recording& recording, const GroupChoice& choice);
-
-/// Turns poses about their pivots back to the rig's rotation (`initial`).
-void turn_back(const ParameterTable& table, const std::map<int, Vector3d>& pivots,
-               const Eigen::VectorXd& initial, Eigen::VectorXd& shared);
 
 /// Returns the reason why no parameter of a recording can be estimated. `on_demand`: the user fixed
 /// many; `no_evidence`: no mount is estimated, and everything else was fixed for lack of evidence

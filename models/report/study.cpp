@@ -38,6 +38,7 @@ AutomaticOptions automatic_options(const StudyOptions& options) {
   AutomaticOptions out;
   static_cast<CalibrationOptions&>(out) = options.calibration;
   out.groups = options.groups;
+  out.groups.frames = options.frames;
   return out;
 }
 

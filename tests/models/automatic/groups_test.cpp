@@ -315,6 +315,19 @@ TEST_CASE("groups: joints before the paths part are members that no measurement 
     for (const std::vector<Member>* members : {&g.members, &g.unseen})
       for (const std::string& n : names(recording, *members)) CHECK_THAT(n, !Contains("idle"));
   check_own_axes(recording, groups);
+
+  // A frame there is asked for: its joints are members that no measurement sees, in a run of their
+  // own, and the other groups are the same.
+  const AutomaticGroups asked = make_groups(recording, {{}, {}, {"idle", "sensor/none"}});
+  CHECK(names(recording, group(asked, "offsets").unseen) ==
+        sorted({"joint/idle/offset", "joint/waist/offset"}));
+  CHECK(names(recording, group(asked, "lengths/idle..idle").unseen) ==
+        sorted({"joint/idle/origin.x", "joint/idle/origin.y", "joint/idle/origin.z"}));
+  CHECK(names(recording, group(asked, "angles/idle..idle").unseen) ==
+        sorted({"joint/idle/origin.rx", "joint/idle/origin.ry"}));
+  CHECK(asked.groups.size() == groups.groups.size() + 2);
+  for (const WidthGroup& g : groups.groups)
+    CHECK(names(recording, group(asked, g.name).members) == names(recording, g.members));
 }
 
 TEST_CASE("groups: a rectified pair has one mount") {
