@@ -109,15 +109,16 @@ Command calibrate_command(CLI::App& app, const std::string& command_line) {
       ->check(CLI::Range(1, 10000))
       ->type_name("N");
   command->add_flag("--force", a->force, "replace an existing result");
-  command->add_flag(
+  CLI::Option* dry_run = command->add_flag(
       "--dry-run", a->dry_run,
       "only print the parameters that each step estimates, the counts and the degrees of freedom");
   command->add_flag("--quiet", a->quiet, "print errors only");
   command->add_flag("--tables", a->tables,
                     "print all tables: steps, groups, loops, noise, mounts to copy, ...");
-  command->add_flag(
-      "--json", a->json,
-      "print result.json on standard output instead; without --out nothing is written");
+  command
+      ->add_flag("--json", a->json,
+                 "print result.json on standard output instead; without --out nothing is written")
+      ->excludes(dry_run);
   command->footer(
       "Parameters: joint/NAME/offset, /scale, /origin[.x .y .z .rx .ry .rz]; sensor/NAME/pose, "
       "/intrinsics[.fx ...], /distortion, /baseline;\n"

@@ -392,6 +392,18 @@ Json tried_list(const std::vector<TriedGroup>& tried) {
   return out;
 }
 
+Json rejected_list(const std::vector<Rejected>& rejected) {
+  Json list = Json::array();
+  for (const Rejected& r : rejected) {
+    Json one = {{"sample", r.sample}};
+    if (!r.sensor.empty()) one["sensor"] = r.sensor, one["target"] = r.target;
+    if (!r.ids.empty()) one["ids"] = r.ids;
+    one["reason"] = r.reason;
+    list.push_back(one);
+  }
+  return list;
+}
+
 }  // namespace
 
 std::string status_name(Status status) {
@@ -482,8 +494,9 @@ Json result_json(const Report& report) {
   if (report.more) json["more_data"] = more_data_json(*report.more);
   json["unobservable"] = directions(solution.unobservable);
   add_explanation(json, report.explanation);
-  if (report.diagnosis)
-    json["findings"] = findings_json(report.diagnosis->findings, report.verdict.about);
+  json["findings"] = report.diagnosis
+                         ? findings_json(report.diagnosis->findings, report.verdict.about)
+                         : Json::array();
   if (!report.automatic.empty()) {
     json["automatic"] = automatic_list(report.automatic);
     json["held"] = held_list(report.automatic);
@@ -491,14 +504,7 @@ Json result_json(const Report& report) {
   if (!report.tried.empty()) json["tried"] = tried_list(report.tried);
   if (!report.deflections.empty()) json["bending"] = bending_json(report);
   if (!report.curves.empty()) json["curves"] = curves_json(report);
-  json["rejected"] = Json::array();
-  for (const Rejected& r : report.rejected) {
-    Json one = {{"sample", r.sample}};
-    if (!r.sensor.empty()) one["sensor"] = r.sensor, one["target"] = r.target;
-    if (!r.ids.empty()) one["ids"] = r.ids;
-    one["reason"] = r.reason;
-    json["rejected"].push_back(one);
-  }
+  json["rejected"] = rejected_list(report.rejected);
   json["leverage"] = Json::array();
   for (const Leverage& l : report.leverage)
     json["leverage"].push_back({{"sample", l.sample},
