@@ -192,7 +192,9 @@ class Weighing {
     const Hypothesis& h = all[index];
     const bool all_kept = best_ && !best_->hypothesis.leaves_out;
     // Mistakes that the freed poses hide are looked for only where the data need no explanation.
-    const double give_up = good(now_) || is_impossible(recording_, now_) ? kInfinity
+    const bool explained =
+        context_.explained_as_given || good(now_) || is_impossible(recording_, now_);
+    const double give_up = explained  ? kInfinity
                            : all_kept ? kHopeless * best_->trial.cost
                                       : now_.score();
     Trial t = try_hypothesis(recording_, context_, h, {100, 1e-9, false, give_up});

@@ -353,11 +353,13 @@ std::string verdict(const Recording& recording, const TrialContext& context, con
                ? ": two parts of the data contradict each other; look at each by itself."
            : outcomes.wrong_numbers && !outcomes.fit_findings
                ? ": correct first the values named above; until then no fit can find more."
-           : !outcomes.fit_findings && outcomes.with_usual_errors
-               ? " with poses of sensors and targets and joint offsets estimated, and " +
+           : outcomes.with_usual_errors
+               ? (outcomes.fit_findings
+                      ? text("; %.3g with the findings corrected", now.per_dof())
+                      : " with poses of sensors and targets and joint offsets estimated") +
                      text(
-                         "%.3g with the usual errors of a robot (geometry, gears, lenses), which "
-                         "calibrate estimates as well.",
+                         ", and %.3g with the usual errors of a robot (geometry, gears, lenses), "
+                         "which calibrate estimates as well.",
                          *outcomes.with_usual_errors)
            : !outcomes.fit_findings
                ? ": none of these explains it."
@@ -462,6 +464,10 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
   out.dof = as_is.dof;
   const double at_first = as_is.per_dof();
   const bool still_joint = prove_still_joints(*recording, context, as_is, by_data);
+  context.explained_as_given = good(as_is);
+  if (!good(as_is) && context.usual_steps)
+    if (const auto freer = fit_with_usual_errors(*recording, context, context.all, as_is))
+      context.explained_as_given = good(freer->fit);
   const State as_given = {recording, recording, std::move(context), std::move(as_is), {}};
   State state = as_given;
   const auto hopeless = [&] { return !(state.now.per_dof() < Thresholds::hopeless); };
@@ -502,14 +508,14 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
       if (state.findings.empty())
         if (auto sigma = wrong_sigmas(*state.recording, state.context, now, freer->evidence))
           state.findings.push_back(std::move(*sigma));
-      if (!good(now) && state.context.usual_steps && state.findings.empty() && good(freer->fit))
+      if (!good(now) && state.context.usual_steps && good(freer->fit))
         out.with_usual_errors = freer->fit.per_dof();
     }
   out.verdict =
       verdict(*state.recording, state.context, now,
               {failure, at_first, good(as_given.now), !by_data.empty(), wrong_numbers,
                !state.findings.empty(), still_joint, changed, out.readings, out.with_usual_errors});
-  if (!still_joint && !changed) say_what_is_left(now, state.findings);
+  if (!still_joint && !changed && !out.with_usual_errors) say_what_is_left(now, state.findings);
   out.findings = ordered(std::move(state.findings), std::move(by_data),
                          still_joint || changed || now.per_dof() < Thresholds::noise);
   return out;

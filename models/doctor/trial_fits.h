@@ -80,6 +80,8 @@ struct TrialContext {
   bool usual_steps = false;    // the rig has no steps: these are usual ones
   bool given_poses_freed =
       false;  // the rig gives a pose that `all` frees wholly: closed form may find a better start
+  bool explained_as_given = false;  // the data as given need no explanation, or none with a robot's
+                                    // usual errors, which calibrations without steps estimate
   std::shared_ptr<std::vector<Alternative>> tried;  // is told all that is tried; null: nobody asks
   std::shared_ptr<ViewPosesMemory> memory = std::make_shared<ViewPosesMemory>();  // of all trials
 };

@@ -14,6 +14,8 @@ namespace kincal {
 
 namespace {
 
+constexpr double kTurned = 1;  // rad: farther than rough poses are off, of which none is a mistake
+
 /// Something with a place in the base frame, as given and as found.
 struct Placed {
   std::string name, kind;  // of one kind only may be in each other's place
@@ -170,10 +172,12 @@ Notices not_as_given(const Solution& solution, const Residuals& residuals) {
   return out;
 }
 
-bool is_a_sensor_turned(const Solution& solution) {
+bool is_a_given_pose_turned(const Solution& solution) {
   return std::any_of(
-      solution.replaced_starts.begin(), solution.replaced_starts.end(),
-      [](const ReplacedStart& s) { return s.name.rfind("sensor/", 0) == 0 && s.turned > 1; });
+      solution.parameters.begin(), solution.parameters.end(), [&](const ParameterEstimate& e) {
+        return e.pose && is_given(solution.rig(), solution.table().all[e.parameter]) &&
+               std::hypot(e.value[3], e.value[4], e.value[5]) > kTurned;
+      });
 }
 
 }  // namespace kincal

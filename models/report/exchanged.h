@@ -23,8 +23,8 @@ namespace kincal {
 /// - bent_boards().
 Notices not_as_given(const Solution& solution, const Residuals& residuals);
 
-/// Whether a sensor whose pose the rig gives was found turned by more than a radian from it, and
-/// started elsewhere: a rough pose, or a mistake that its pose took up.
-bool is_a_sensor_turned(const Solution& solution);
+/// Whether a pose that the rig gives was found turned by more than a radian from it: a rough pose,
+/// or a mistake that it took up.
+bool is_a_given_pose_turned(const Solution& solution);
 
 }  // namespace kincal

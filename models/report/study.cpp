@@ -86,7 +86,7 @@ std::set<std::string> mistaken_numbers(const Report& report, double share = 1) {
 /// Whether a group came out so much worse than usual that it may take a mistake up, or a number or
 /// a sensor's turn so far from the rig's that somebody was mistaken: residuals are good then.
 bool takes_up_a_mistake(const Report& report) {
-  return !mistaken_numbers(report).empty() || is_a_sensor_turned(report.solution) ||
+  return !mistaken_numbers(report).empty() || is_a_given_pose_turned(report.solution) ||
          std::any_of(report.automatic.begin(), report.automatic.end(), is_unusual);
 }
 

@@ -473,6 +473,9 @@ class WrongRig(Case):
         run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run")  # no error: the automatic path (automatic_test.py)
         self.assertEqual(run.code, 0, run.err)
         self.assertIn("everything below is estimated", run.out)
+        run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", "--json")
+        self.assertEqual(run.code, 1)
+        self.assertIn("--dry-run excludes --json", run.err)
         for option in ("--free", "--fix"):  # as the real run
             run = self.run_kincal("calibrate", "rig.yaml", "samples.jsonl", "--dry-run", option, "sensor/trackr/pose")
             self.fails(run, option, ("sensor/trackr/pose", "matches no parameter"), ("sensor/tracker/pose",))

@@ -292,6 +292,23 @@ class Words(Case):
         self.assertEqual(len(self.warnings(result, "never_seen")), 1)
         self.assertIn("target/r2/pose", self.warnings(result, "never_seen")[0])
 
+    def test_a_frame_that_no_sample_measures_is_not_known_better_than_usual(self):
+        """An arm that nothing sees: the error of its tool is that of its joints' zeros and lengths."""
+        idle = """<link name="upper"/><link name="lower"/><link name="hand2"/>
+<joint name="i1" type="revolute"><parent link="base"/><child link="upper"/><origin xyz="0 0.5 0.4"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="i2" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.4 0 0"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="i3" type="fixed"><parent link="lower"/><child link="hand2"/><origin xyz="0.5 0 0"/></joint></robot>"""
+        self.write("arm.urdf", urdf().replace("</robot>", idle))
+        samples = self.simulate(POSED, CAMERA_TRUTH)
+        seen, _ = self.calibrate(samples)
+        result, text = self.calibrate(samples, "--report-frame", "hand2")
+        error = result["validation"]["frames"]["hand2"]["workspaces"]["limits"]["position"]["rms"]
+        self.assertGreater(error, 0.001, text)   # usual zeros of 5 mrad, at 0.9 m
+        self.assertLess(error, 0.05, text)
+        for name, found in result["parameters"].items():   # no estimate depends on what is reported
+            for value, other, sigma in zip(found["value"], seen["parameters"][name]["value"], found["sigma"]):
+                self.assertAlmostEqual(value, other, delta=1e-3 * sigma + 1e-12, msg=name)
+
     def test_the_last_zero_is_no_doubt(self):
         """Likewise the last joint's zero and how the board behind it is turned about its axis."""
         true = CAMERA
@@ -1235,6 +1252,23 @@ class Scales(Case):
         self.assertRegex(result["verdict"]["text"], "^all lengths between sensors and targets came out 0.8[345]\\d? times those of the rig .* assumed 1.(2|19)")
         self.assertIn("measure the spacing", result["verdict"]["next"][0])
         self.assertNotEqual(self.wrong(result, {n: v for n, v in STEREO_TRUTH.items() if n.startswith("target")}), [])  # what the doubt is about
+
+    def test_a_sign_that_given_poses_take_up(self):
+        """Turned by half a turn, all poses explain readings of the wrong sign as well as the right ones do; how far they are from those in the rig decides,
+        also where the lenses are off by more than the noise. What it does not prove: anything where no pose is given."""
+        self.write("looking.urdf", LOOKING.replace('xyz="0.05 0 0.1"', 'xyz="0 0 0.1"'))   # its axes meet
+        lenses = {"sensor/eye/intrinsics": [504, 503, 322, 241.5], "sensor/eye2/intrinsics": [497, 498, 318.5, 238]}
+        samples = self.simulate(STEREO_HEAD % {"square": 0.06}, dict(STEREO_TRUTH, **lenses), samples=30, seed=3)
+        result, text = self.calibrate(samples)
+        self.assertEqual((result["verdict"]["use"], result["findings"]), ("good", []), text)
+        for s in samples:
+            s["joints"]["tilt"] *= -1
+        result, text = self.calibrate(samples)
+        self.assertEqual([(f["id"], f["where"]) for f in result["findings"]], [("joint-sign", ["tilt"])], text)
+        self.assertNotEqual(result["verdict"]["use"], "good")
+        said = self.kincal("check", "rig.yaml", "samples.jsonl")
+        self.assertIn("oint 'tilt' turns the other way", said)
+        self.assertRegex(said, r"chi2/dof is [\d.]+; [\d.]+ with the findings corrected, and [01]\.\d+ with the usual errors of a robot")
 
     def test_a_slide_that_nothing_checks(self):
         """A camera that looks along the only slide: its focal length is as long as the slide's readings say."""
