@@ -7,7 +7,6 @@
 #include "../../kinematics/floating.h"
 #include "../../solver/decompositions.h"
 #include "../../solver/kernels.h"
-#include "../../solver/observability.h"
 #include "../estimation/estimation.h"
 #include "../rig/configuration.h"
 #include "../rig/numbers.h"
@@ -179,11 +178,10 @@ void add_residuals(const EstimationSetup& setup, const Rig& rig,
   }
 }
 
-/// The rows of one group of the problem, with V an orthonormal basis of the space that the private
-/// unknowns leave: 1 - U U' = V V'.
+/// The rows of one group of the problem: U and B of the header, row i in column i (zeros below to a
+/// multiple of 8), its residuals, and which rows are which kind of noise.
 struct ProjectedRows {
-  MatrixXd left;   // V', a column for each row
-  MatrixXd moved;  // (V'J_shared T)': B' = moved V'; zeros below
+  MatrixXd u, b;
   std::vector<NoiseRows> kinds;
   VectorXd residuals;
 };
@@ -196,19 +194,28 @@ ProjectedRows project(const Estimation& problem, int group, const VectorXd& stat
   const GroupShape& shape = problem.groups()[group];
   problem.noise_rows(group, state, rows, out.kinds);
   const int k = shape.private_size, m = static_cast<int>(shape.columns.size()),
-            n = static_cast<int>(root.cols());
-  MatrixXd own(rows.rows(), k + rows.rows());
-  own << rows.leftCols(k), MatrixXd::Identity(rows.rows(), rows.rows());
-  long rank = 0;
-  out.left = eliminate(std::move(own), k, rank);
-  const MatrixXd across = out.left * rows.middleCols(k, m);
-  const int count = static_cast<int>(across.rows());
+            n = static_cast<int>(root.cols()), count = static_cast<int>(rows.rows());
   MatrixXd t(ld, m);  // row i of T in column i
-  for (int i = 0; i < m; ++i) t.col(i).head(n) = root.row(shape.columns[i]).transpose();
   t.bottomRows(ld - n).setZero();
-  out.moved.resize(ld, count);
-  out.moved.bottomRows(ld - n).setZero();
-  kernels().multiply(across.data(), 1, count, count, m, t.data(), ld, n, out.moved.data(), ld);
+  for (int i = 0; i < m; ++i) t.col(i).head(n) = root.row(shape.columns[i]).transpose();
+  out.b.setZero(ld, count);
+  for (const NoiseRows& w : out.kinds)  // a joint's error is private: its rows depend on no other
+    if (w.joint < 0)
+      kernels().multiply(&rows(w.first, k), 1, count, w.count, m, t.data(), ld, n,
+                         out.b.col(w.first).data(), ld);
+  out.b.bottomRows(ld - n).setZero();  // (scratch of the kernel)
+  out.u.resize(0, count);
+  if (k > 0) {
+    const MatrixXd u = range_of(rows.leftCols(k));
+    const int rank = static_cast<int>(u.cols());
+    MatrixXd within(ld, rank), taken(ld, count);
+    within.bottomRows(ld - n).setZero();
+    kernels().multiply(u.data(), count, 1, rank, count, out.b.data(), ld, n, within.data(), ld);
+    kernels().multiply(u.data(), 1, count, count, rank, within.data(), ld, n, taken.data(), ld);
+    out.b.topRows(n) -= taken.topRows(n);
+    out.u.setZero(padded(rank), count);
+    out.u.topRows(rank) = u.transpose();
+  }
   out.residuals = rows.col(k + m);
   return out;
 }
@@ -225,8 +232,7 @@ void add_waiting(int kind, NoiseKinds& kinds) {
 /// j, and <U_g'B_g, U_j'B_j> that of all P(i, l) Q(i, l).
 void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
   const Eigen::Index count = rows.residuals.size();
-  const MatrixXd p = MatrixXd::Identity(count, count) - rows.left.transpose() * rows.left,
-                 q = rows.left.transpose() * gram(rows.moved) * rows.left;
+  const MatrixXd p = gram(rows.u), q = gram(rows.b);
   VectorXd of_column(count);
   for (const NoiseRows& w : rows.kinds) {
     const int kind = kinds.of(w);
@@ -235,7 +241,7 @@ void add_group(const ProjectedRows& rows, NoiseKinds& kinds, MatrixXd& s) {
     sum.projected += (p + q).diagonal().segment(w.first, w.count).sum();
     for (int i = w.first; i < w.first + w.count; ++i) {
       if (kinds.waits[kind] == kWaiting) add_waiting(kind, kinds);
-      kinds.waiting[kind].col(kinds.waits[kind]++).noalias() = rows.moved * rows.left.col(i);
+      kinds.waiting[kind].col(kinds.waits[kind]++) = rows.b.col(i);
     }
     if (!w.view) sum.weights += w.count;
     if (w.joint >= 0) ++kinds.levels[kind].rows;
