@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kLeastRedundancy = 5, kMostUncertain = 0.5;
 constexpr double kLeastFactor = 1e-4;        // of a variance
-constexpr int kWaiting = 32;                 // rows that are summed at once
+constexpr int kWaiting = 32;                 // rows summed at once: fast, changes no result
 const double kGuessSpread = std::log(4.0);   // of a guess, in its logarithm
 const double kJointsDiffer = std::log(2.0);  // noise of joints of one kind, in its logarithm
 

@@ -464,10 +464,10 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
   out.dof = as_is.dof;
   const double at_first = as_is.per_dof();
   const bool still_joint = prove_still_joints(*recording, context, as_is, by_data);
-  context.explained_as_given = good(as_is);
-  if (!good(as_is) && context.usual_steps)
-    if (const auto freer = fit_with_usual_errors(*recording, context, context.all, as_is))
-      context.explained_as_given = good(freer->fit);
+  std::optional<FreerFit> freer;  // of the data as they are in the end
+  if (as_is.complete() && !good(as_is) && context.usual_steps)
+    freer = fit_with_usual_errors(*recording, context, context.all, as_is);
+  context.explained_as_given = good(freer ? freer->fit : as_is);
   const State as_given = {recording, recording, std::move(context), std::move(as_is), {}};
   State state = as_given;
   const auto hopeless = [&] { return !(state.now.per_dof() < Thresholds::hopeless); };
@@ -498,9 +498,10 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
   const bool wrong_numbers = std::any_of(by_data.begin(), by_data.end(), is_wrong_number);
   const TrialFit& now = state.now;
   if (now.complete() && !still_joint && !wrong_numbers && !changed &&
-      (state.findings.empty() || !good(now)))
-    if (const auto freer =
-            fit_with_usual_errors(*state.recording, state.context, state.context.all, now)) {
+      (state.findings.empty() || !good(now))) {
+    if (!freer || !state.findings.empty())
+      freer = fit_with_usual_errors(*state.recording, state.context, state.context.all, now);
+    if (freer) {
       if (!good(now) && !state.context.usual_steps) out.readings = noise_of_readings(state, *freer);
       if (!good(now) && !state.context.usual_steps && out.readings.empty() &&
           state.findings.empty())
@@ -511,6 +512,7 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
       if (!good(now) && state.context.usual_steps && good(freer->fit))
         out.with_usual_errors = freer->fit.per_dof();
     }
+  }
   out.verdict =
       verdict(*state.recording, state.context, now,
               {failure, at_first, good(as_given.now), !by_data.empty(), wrong_numbers,
