@@ -11,9 +11,8 @@
 namespace kincal {
 namespace {
 
-constexpr double kPoor = 4;               // of cost per degree of freedom; of two costs
-constexpr double kUnexplainedCost = 100;  // per degree of freedom: no solution at all
-constexpr double kElsewhere = 0.2;        // m, rad: another minimum may be there
+constexpr double kPoor = 4;         // of cost per degree of freedom; of two costs
+constexpr double kElsewhere = 0.2;  // m, rad: another minimum may be there
 
 /// How the steps free a parameter.
 struct HowFreed {
@@ -198,7 +197,7 @@ bool start_given_poses(const std::vector<StepPlan>& plans, const Solution& first
 
 bool decisively_better(const Solution& again, const Solution& first) {
   if (again.status == Status::undefined_start) return false;
-  if (first.status == Status::undefined_start) return cost_per_dof(again) < kUnexplainedCost;
+  if (first.status == Status::undefined_start) return again.usable();
   return kPoor * again.cost < first.cost;
 }
 

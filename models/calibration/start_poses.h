@@ -9,9 +9,9 @@
 // degrees. Then those that are freed wholly and without a prior are found in closed form as well,
 // the origin of a fixed joint as the pose of what stands behind it, and the steps run again from
 // there; estimates count from the given poses all the same. The second run stays if its cost is a
-// quarter of the first's or less; else, and where the closed form agrees with the end of the first
-// run, all is as if it had not been tried. So a start that is good is used as it is and costs
-// nothing.
+// quarter of the first's or less, or if it is usable where the first was undefined; else, and where
+// the closed form agrees with the end of the first run, all is as if it had not been tried. So a
+// start that is good is used as it is and costs nothing.
 #pragma once
 
 #include <string>
