@@ -237,17 +237,17 @@ std::optional<Changed> changed_between(const State& as_given, const State& state
   return out;
 }
 
-/// Says of mistakes that leave what no noise explains that they are not all of it. (`now` has the
-/// sigmas as they are stated.)
+/// Says first of mistakes that leave what no noise explains that they are not all of it, or not
+/// made at all. (`now` has the sigmas as they are stated.)
 void say_what_is_left(const TrialFit& now, std::vector<Notice>& findings) {
   if (!now.complete() || !(now.per_dof() > Thresholds::no_noise)) return;
-  for (Notice& f : findings)
-    if (f.kind != NoticeKind::wrong_sigma)
-      f.cure += text(
-          ". This does not explain everything: the remaining chi2/dof %.3g is not noise. Look for "
-          "a "
-          "further mistake or a different one",
-          now.per_dof());
+  for (Notice& f : findings) {
+    if (f.kind == NoticeKind::wrong_sigma) continue;
+    f.what =
+        text("not the only mistake, or not made (chi2/dof is %.3g without it): ", now.per_dof()) +
+        f.what;
+    f.cure += ". Look for a further mistake or a different one";
+  }
 }
 
 // ------------------------------------------------------------------------------------------------

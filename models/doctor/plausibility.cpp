@@ -25,8 +25,8 @@ constexpr double kFarAway = 200, kFarFlange = 20, kFarMounted = 50, kLargeSquare
 constexpr double kLongestLink = 20, kLongLinkAlone = 5, kTimesTheOthers = 8, kFarBaseline = 3,
                  kBeyondSlide = 1, kFarthestSlide = 20;
 constexpr double kDisparity = 3;  // px that two cameras at one place never see
-// Multiples of a joint's limits, and turns of one without, beyond which readings are degrees.
-constexpr double kBeyondLimits = 3, kManyTurns = 8;
+// Multiples of a joint's limits beyond which readings are degrees.
+constexpr double kBeyondLimits = 3;
 // What is seen of the resolution if all points lie in a corner.
 constexpr double kCorner = 0.52, kFilled = 0.35;
 constexpr size_t kEnoughViews = 8;
@@ -333,11 +333,10 @@ void check_angles(const Rig& rig, const std::vector<Sample>& samples, std::vecto
   double worst = 0;
   for (const auto& range : make_observation_index(rig, samples).ranges) {
     const Joint& joint = rig.tree.joints[range.first];
-    if (joint.type != JointType::revolute && joint.type != JointType::continuous) continue;
-    const bool limited = joint.type == JointType::revolute && joint.upper > joint.lower;
-    const double reach = std::max(std::abs(joint.lower), std::abs(joint.upper));
-    const double allowed =
-        limited ? std::max(2 * kPi, kBeyondLimits * reach) : kManyTurns * 2 * kPi;
+    // (Others may have turned on and on: the fits decide.)
+    if (joint.type != JointType::revolute || !(joint.upper > joint.lower)) continue;
+    const double reach = std::max(std::abs(joint.lower), std::abs(joint.upper)),
+                 allowed = std::max(2 * kPi, kBeyondLimits * reach);
     const double most = std::abs(rig.joints[range.first].scale) *  // readings may be pulses
                         std::max(std::abs(range.second.first), std::abs(range.second.second));
     if (!(most > allowed)) continue;

@@ -328,6 +328,17 @@ TEST_CASE("doctor: a first look ends where the samples have too few numbers") {
   }
 }
 
+TEST_CASE("doctor: a joint without limits may have turned many times, or be in degrees") {
+  EyeInHand e;
+  e.rig.tree.joints[2].type = JointType::continuous;
+  for (Sample& sample : e.samples) sample.readings[2] += 2 * kPi * 20;
+  CHECK(e.check().findings.empty());
+  for (Sample& sample : e.samples) sample.readings[2] *= 180 / kPi;
+  const Diagnosis d = e.check();
+  REQUIRE(ids(d) == Ids{"degrees"});
+  CHECK(names_of(d.findings[0].where) == Ids{"roll"});
+}
+
 TEST_CASE("doctor: progress cancels") {
   EyeInHand e;
   for (Sample& s : e.samples) s.readings[1] = -s.readings[1];
