@@ -165,7 +165,10 @@ double log_prior(bool rarer, size_t alike) {
 
 double log_left_out(const Recording& given, const Recording& kept, const TrialFit& fit) {
   const double noise = std::log(std::max(1.0, std::isfinite(fit.per_dof()) ? fit.per_dof() : 1.0));
-  return -(kAnywhere + noise / 2) * left_out(given, kept, fit.samples);
+  double more = 0;  // effective residuals, each of this noise
+  for (const Sample& sample : given.samples) more += rough_numbers(given, sample);
+  for (const int s : fit.samples) more -= rough_numbers(kept, kept.samples[s]);
+  return -kAnywhere * left_out(given, kept, fit.samples) - noise / 2 * more;
 }
 
 double log_evidence(const Recording& recording, const TrialContext& context, const FitSpec& spec,

@@ -15,10 +15,11 @@
 //   frees it: -ln(1 + d^2), Cauchy's. A focal length that changes its sign, or a principal point
 //   that moves by a focal length: -690. No lens is like that.
 //
-// - A residual of views or points that are left out: -ln(300 / sqrt(2 pi)). It may be anywhere
-// within
-//   300 sigmas (of the noise that the fit leaves), where a number that is kept is normal. Six
-//   numbers are wrong with the views of a target from one body (a rigid motion), two with a point.
+// - A number that is wrong in views or points that are left out: -ln(300 / sqrt(2 pi)). It may be
+//   anywhere within 300 sigmas (of the noise that the fit leaves), where a number that is kept is
+//   normal. Six numbers are wrong with the views of a target from one body (a rigid motion), two
+//   with a point. All their effective residuals have that noise as those that are kept: -ln of it
+//   over the stated one.
 //
 // - If undoing the mistake multiplies what a sensor measures by k (a unit): n ln k for the n
 //   effective residuals of that sensor. The densities are of the same numbers then.

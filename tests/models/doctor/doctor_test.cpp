@@ -4,6 +4,7 @@
 #include <catch2/catch.hpp>
 #include <cmath>
 
+#include "../../../models/doctor/alternatives.h"
 #include "../../../models/doctor/doctor.h"
 #include "../../../models/doctor/hypotheses.h"
 #include "../../../models/doctor/trial_fits.h"
@@ -337,6 +338,21 @@ TEST_CASE("doctor: a joint without limits may have turned many times, or be in d
   const Diagnosis d = e.check();
   REQUIRE(ids(d) == Ids{"degrees"});
   CHECK(names_of(d.findings[0].where) == Ids{"roll"});
+}
+
+TEST_CASE("doctor: what a mistake leaves out has the noise of what it keeps") {
+  // Else leaving out samples of a fit that explains nothing is likelier than any mistake.
+  const EyeInHand e;
+  const Recording given(e.rig, e.samples),
+      kept(e.rig, std::vector<Sample>(e.samples.begin() + 1, e.samples.end()));
+  TrialFit fit;
+  fit.dof = 1000;
+  for (size_t i = 0; i < kept.samples.size(); ++i) fit.samples.push_back(static_cast<int>(i));
+  const double wrong = 6 * std::log(300 / std::sqrt(2 * kPi)), residuals = 12;
+  for (const double noise : {1.0, 100.0}) {
+    fit.chi2 = fit.cost = noise * noise * 1000;
+    CHECK(log_left_out(given, kept, fit) == Approx(-wrong - residuals * std::log(noise)));
+  }
 }
 
 TEST_CASE("doctor: progress cancels") {
