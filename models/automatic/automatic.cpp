@@ -6,6 +6,8 @@
 #include <memory>
 #include <optional>
 
+#include "../analysis/linearisation.h"
+#include "../evidence/evidence.h"
 #include "../rig/numbers.h"
 #include "../rig/words.h"
 #include "grouped.h"
@@ -183,17 +185,11 @@ void bend_joints(const std::vector<std::string>& names, Model& model, Calibrated
   }
 }
 
-/// Tries groups together, each on top of those with more evidence; calibrates with those that help,
-/// again without those that lose their evidence. `with` adds the models of groups; `chosen` is the
-/// ripple that was found, if it is one, and how unlikely what is tried was beforehand.
-void add_together(const std::vector<std::string>& names,
-                  const std::function<Model(const std::vector<std::string>&)>& with, Model& model,
-                  Calibrated& best, FurtherRecord& record, const FoundRipple& chosen = {}) {
-  if (names.empty()) return;
-  FurtherModel further = further_model(with(names), best.fit);
-  further.log_candidates = chosen.log_candidates;
-  further.left = chosen.left;
-  FurtherTrial trial = try_model(best.fit, further, *best.found.solution.recording);
+using AddsGroups = std::function<Model(const std::vector<std::string>&)>;
+
+/// Calibrates with the groups of a trial, again without those that lose their evidence.
+void keep(FurtherTrial trial, const AddsGroups& with, Model& model, Calibrated& best,
+          FurtherRecord& record) {
   record.add(trial.tried);
   while (!trial.groups.empty()) {
     Model next = grown(with(trial.groups), trial, best);
@@ -210,6 +206,18 @@ void add_together(const std::vector<std::string>& names,
     best = std::move(*found);
     return;
   }
+}
+
+/// Tries groups together, each on top of those with more evidence, and keeps those that help.
+/// `with` adds the models of groups; `chosen` is the ripple that was found, if it is one, and how
+/// unlikely what is tried was beforehand.
+void add_together(const std::vector<std::string>& names, const AddsGroups& with, Model& model,
+                  Calibrated& best, FurtherRecord& record, const FoundRipple& chosen = {}) {
+  if (names.empty()) return;
+  FurtherModel further = further_model(with(names), best.fit);
+  further.log_candidates = chosen.log_candidates;
+  further.left = chosen.left;
+  keep(try_model(best.fit, further, *best.found.solution.recording), with, model, best, record);
 }
 
 /// Groups of conditions, and what adds their parameters. (Points have theirs.)
@@ -298,12 +306,49 @@ void search_ripples(Model& model, Calibrated& best, FurtherRecord& record) {
 /// right recordings none was given gears.)
 const double kGearsRight = std::log(100);
 
+/// Weighs gears with unknown noise: an error that grows with the angle looks like noise of a joint,
+/// and a fit without gears has it there.
+FurtherTrial try_gears_in_noise(const Calibrated& best) {
+  FurtherTrial out;
+  TriedGroup tried{kGears};
+  const std::vector<double> factors = {1, 10};  // of the usual widths, as for other groups
+  std::vector<std::vector<FreeDirection>> gears(factors.size());
+  for (size_t i = 0; i < factors.size(); ++i)
+    for (const Member& m : best.fit.groups.gears)
+      gears[i].push_back({{{m.component, 1}}, factors[i] * m.start});
+  const std::vector<double> score = scores(linearise(best.found.solution), gears);
+  for (size_t i = 0; i < factors.size(); ++i) {
+    const double u = std::log(factors[i]) / kWidthSpread, gain = score[i] - kGearsRight - u * u / 2;
+    if (i > 0 && !(gain > tried.gain)) continue;
+    tried.gain = gain;
+    out.factor[kGears] = factors[i];
+  }
+  if (tried.gain >= kEvidence) {
+    tried.outcome = TriedGroup::Outcome::kept;
+    out.groups = {kGears};
+  }
+  out.tried = {std::move(tried)};
+  return out;
+}
+
+/// Whether the noise of a joint's readings is what a fit shows, and not what the rig states.
+bool has_seen_noise(const Calibrated& best) {
+  const std::vector<JointSettings>&now = best.fit.recording->rig.joints,
+        &stated = best.found.solution.rig().joints;
+  for (size_t j = 0; j < now.size(); ++j)
+    if (now[j].noise_guess > 0 || now[j].sigma > stated[j].sigma) return true;
+  return false;
+}
+
 /// Tries gears of other ratios: the last, for what bends or ripples goes with the angle as well.
 void add_gears(Model& model, Calibrated& best, FurtherRecord& record) {
-  if (!is_among(best.fit.groups.further, kGears) || is_among(model.options.begin.further, kGears))
-    return;
+  const auto is_open = [&] {
+    return is_among(best.fit.groups.further, kGears) &&
+           !is_among(model.options.begin.further, kGears);
+  };
+  if (!is_open()) return;
   model.options.progress.stage(kGears);
-  const auto with = [&](const std::vector<std::string>& groups) {
+  const AddsGroups with = [&](const std::vector<std::string>& groups) {
     Model out = model;
     out.options.begin.further.insert(out.options.begin.further.end(), groups.begin(), groups.end());
     return out;
@@ -311,6 +356,7 @@ void add_gears(Model& model, Calibrated& best, FurtherRecord& record) {
   FoundRipple rare;  // as if it were chosen from a hundred groups, ninety-nine of them right
   rare.log_candidates = kGearsRight;
   add_together({kGears}, with, model, best, record, rare);
+  if (is_open() && has_seen_noise(best)) keep(try_gears_in_noise(best), with, model, best, record);
 }
 
 /// Weighs other lenses of cameras, and adds their change of the other parameters to the prediction.

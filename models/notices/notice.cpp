@@ -196,14 +196,22 @@ const Row kRows[] = {
     {NK::scale, "scale", Severity::doubt,
      "All given lengths between sensors and targets came out wrong by one factor (more than 1.5 "
      "%), and only the sizes of boards determine the scale."},
-    {NK::jump, "jump", Severity::doubt,
-     "The errors of a joint's readings, or of flange poses, change at one sample and stay so."},
+    {NK::jump,
+     "jump",
+     Severity::doubt,
+     "The errors of a joint's readings, or of flange poses, change at one sample and stay so.",
+     0,
+     {NK::wrong_sigma, NK::unexplained}},
     {NK::duplicates, "duplicates", Severity::remark,
      "Samples with the same readings and measurements stand under several ids and count several "
      "times."},
-    {NK::systematic, "systematic", Severity::doubt,
+    {NK::systematic,
+     "systematic",
+     Severity::doubt,
      "The errors of a joint's readings, or of flange poses, depend on its position: they are no "
-     "noise, and sigmas are too small."},
+     "noise, and sigmas are too small.",
+     0,
+     {NK::wrong_sigma, NK::unexplained}},
     {NK::noise, "noise", Severity::remark,
      "The stated noise was changed, is wrong, or could not be estimated; the text gives both "
      "levels."},

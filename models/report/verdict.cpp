@@ -250,10 +250,12 @@ Verdict verdict(const Report& report) {
     if (w.severity == Severity::fault && !fault) fault = &w;
     if (w.severity == Severity::doubt && !doubt) doubt = &w;
   }
+  for (const Notice& w : report.warnings)
+    if (finding && explains(w.kind, finding->kind)) finding = &w;
   if (fault) {
     if (finding && explains(finding->kind, fault->kind)) return no_because(*finding, *fault);
     for (const Notice& w : report.warnings)
-      if (explains(w.kind, fault->kind)) return no_because(w, *fault);
+      if (!fault->cause && explains(w.kind, fault->kind)) return no_because(w, *fault);
     return decided_by("no", *fault);
   }
   if (solution.status != Status::converged) return {"no", solution.message};

@@ -294,6 +294,23 @@ TEST_CASE("automatic: noise that nobody states is found, a tenth to ten times th
     }
 }
 
+TEST_CASE("automatic: a gear that is off is found where nobody states the noise of its joint") {
+  // With the noise that a fit without gears finds, it is no larger than chance.
+  for (const int joint : {1, 2}) {
+    Rig truth = drawn(), guessed = drawn();
+    truth.joints[joint].scale = 0.985;
+    for (JointSettings& j : guessed.joints) j.noise_guess = j.sigma;
+    const AutomaticCalibration found =
+        calibrate_automatically(Recording(guessed, logged(truth, 25, 40)), AutomaticOptions());
+    INFO("joint " << joint << "\n" << described(found));
+    REQUIRE(found.solution.status == Status::converged);
+    const std::string name = truth.tree.joints[joint].name;
+    const double scale = found.solution["joint/" + name + "/scale"].value[0];
+    CHECK(scale == Approx(0.985).margin(0.001));
+    CHECK(found.solution.rig().joints[joint].sigma < 10 * truth.joints[joint].sigma);
+  }
+}
+
 TEST_CASE("automatic: offsets are found, and the board keeps its size") {
   for (const unsigned long seed : {1, 2, 3}) {
     const Rig truth = with_offsets(seed);

@@ -209,6 +209,24 @@ TEST_CASE("warnings: poses that the rig leaves open, and what is left where noth
   CHECK(words(report) == sentences(report.warnings[0]));
 }
 
+TEST_CASE("verdict: a joint homed anew or an effect of its angle goes before the noise it makes") {
+  for (const NoticeKind cause : {NoticeKind::jump, NoticeKind::systematic}) {
+    Report report = converged(1);
+    report.warnings = {make_notice(cause, {}, "the errors of joint 'turn' are no noise")};
+    report.diagnosis = Diagnosis();
+    report.diagnosis->findings = {make_notice(NoticeKind::wrong_sigma, {}, "a sigma differs")};
+    CHECK_THAT(words(report), StartsWith("the errors of joint 'turn' are no noise"));
+    report.diagnosis->findings = {make_notice(NoticeKind::degrees, {}, "readings are degrees")};
+    CHECK_THAT(words(report), StartsWith("a mistake was found, degrees"));
+    report.diagnosis.reset();
+    Notice unexplained = make_notice(NoticeKind::unexplained, {}, "the model does not explain");
+    report.warnings.insert(report.warnings.begin(), unexplained);
+    CHECK_THAT(words(report), StartsWith("the errors of joint 'turn' are no noise"));
+    report.warnings.front().cause = NoticeKind::degrees;
+    CHECK_THAT(words(report), StartsWith("the model does not explain"));
+  }
+}
+
 TEST_CASE("verdict: a harmless finding does not hide a decisive warning") {
   Report report = converged(1);
   report.automatic.resize(1);
