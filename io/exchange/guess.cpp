@@ -107,17 +107,22 @@ std::string pose_guess(const Table& table, const std::vector<const PoseFormat*>&
 }
 
 std::string reading_guess(const Table& table, const std::string& file) {
-  double largest = 0;
-  for (const TableRow& row : table.rows)
-    for (const std::string& cell : row.cells)
-      if (double value = 0; read_number(cell, value)) largest = std::max(largest, std::abs(value));
-  const bool degrees = largest > kLargestRadians && largest < kLargestDegrees;
+  bool degrees = false;
+  std::string too_large;  // columns
+  for (size_t i = 0; i < table.header.size(); ++i) {
+    double largest = 0;
+    for (const TableRow& row : table.rows)
+      if (double value = 0; i < row.cells.size() && read_number(row.cells[i], value))
+        largest = std::max(largest, std::abs(value));
+    degrees = degrees || (largest > kLargestRadians && largest < kLargestDegrees);
+    if (largest >= kLargestDegrees) too_large += (too_large.empty() ? "" : ", ") + table.header[i];
+  }
   std::string out = "It may have readings of joints";
   if (degrees) out += ", in degrees, as some are larger than 6.28";
-  if (largest >= kLargestDegrees)
-    out +=
-        "; some values are too large for angles: readings in pulses need a `scale` of the joint in "
-        "the rig (rad per pulse)";
+  if (!too_large.empty())
+    out += "; too large for angles are values of " + too_large +
+           ": readings in pulses need a `scale` of the joint in the rig (rad per pulse), lengths "
+           "in millimetres --unit mm";
   const std::string angles = degrees ? " --angles deg" : "";
   return out +
          ".\nWith images of a board, one for each row:\n  kincal detect RIG IMAGES --joints " +

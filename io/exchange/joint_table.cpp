@@ -119,6 +119,8 @@ JointRow row_of_json(const std::string& line, const std::vector<std::string>& jo
   return row;
 }
 
+const std::string kJointPrefix = "joint/";  // of a column, where others have the joint's name
+
 /// How well a name in a table is that of an image: 0 not at all.
 int likeness(const std::string& named, const std::filesystem::path& image) {
   const std::filesystem::path path(named);
@@ -185,6 +187,7 @@ std::vector<std::string> joints_with_readings(const Rig& rig) {
 void rename_columns(Table& table, const std::map<std::string, std::string>& names,
                     const std::vector<std::string>& joints) {
   std::vector<std::string> valid = joints;
+  for (const std::string& joint : joints) valid.push_back(kJointPrefix + joint);
   for (const char* name : {"image", "time", "id", "point"}) valid.emplace_back(name);
   for (const PoseFormat& format : pose_formats())
     for (const std::string& column : format.columns)
@@ -214,11 +217,18 @@ std::vector<std::string> joints_of_columns(const Table& table, const Rig& rig,
   std::map<std::string, std::string> column_of_joint;
   for (size_t i = 0; i < table.header.size(); ++i) {
     const std::string& name = table.header[i];
-    if (is_one_of(joints, name)) out[i] = name;
+    for (const std::string& joint : joints)
+      if (name == kJointPrefix + joint ||
+          (name == joint && !is_one_of(table.header, kJointPrefix + joint)))
+        out[i] = joint;
     const bool used = !out[i].empty() || names_image(name) || names_time(name);
     const std::string what = out[i].empty() ? lower_case(name) : out[i];
     if (used && !column_of_joint.emplace(what, name).second)
-      throw InputError(where + ": there are two columns '" + what + "'; leave one out");
+      throw InputError(where + ": there are two columns '" + what + "'; " +
+                       (out[i].empty()
+                            ? "leave one out"
+                            : "leave one out, or call that of the joint '" + kJointPrefix + what +
+                                  "' (--map COLUMN=" + kJointPrefix + what + ")"));
   }
   if (std::all_of(out.begin(), out.end(), [](const std::string& name) { return name.empty(); }))
     take_recorded_by_ur(table, joints, out, notes);
@@ -237,8 +247,9 @@ std::map<std::string, double> readings_of(const TableRow& row,
     if (joints[i].empty()) continue;
     const double value = number_of(row, static_cast<int>(i), joints[i]);
     const Joint& joint = rig.tree.joints[rig.tree.find_joint(joints[i])];
-    out[joints[i]] =
-        words.degrees && joint.type != JointType::prismatic ? value * kPi / 180 : value;
+    out[joints[i]] = joint.type == JointType::prismatic ? value * words.length
+                     : words.degrees                    ? value * kPi / 180
+                                                        : value;
   }
   return out;
 }

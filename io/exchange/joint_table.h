@@ -23,6 +23,7 @@ struct JointRow {
 struct JointWords {
   std::map<std::string, std::string> names;  // column: what it is to be called
   bool degrees = false;                      // readings of joints that turn
+  double length = 1;                         // m: unit of readings of joints that slide
 };
 
 struct JointTable {

@@ -152,6 +152,8 @@ std::string measured_lines(const std::string& path, const Rig& rig, const Measur
   if (flange)
     flange_poses = poses_of(table, format_of_file(table, words.flange, "--pose-format"),
                             pose_unit(words.flange.unit));
+  JointWords units = words.joints;
+  units.length = m.length;
   std::string out;
   for (size_t i = 0; i < table.rows.size(); ++i) {
     const TableRow& row = table.rows[i];
@@ -161,7 +163,7 @@ std::string measured_lines(const std::string& path, const Rig& rig, const Measur
                                 : "row_" + std::to_string(i + 1);
     if (m.time >= 0) line["time"] = number_of(row, m.time, "time");
     line["joints"] = Json::object();
-    for (const auto& [joint, value] : readings_of(row, joints, rig, words.joints))
+    for (const auto& [joint, value] : readings_of(row, joints, rig, units))
       line["joints"][joint] = value;
     if (flange) line["joints"]["flange"] = pose(flange_poses[i].pose);
     line["views"] = Json::array({view_of(m, row, i, target)});

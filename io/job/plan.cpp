@@ -587,10 +587,11 @@ std::string plan_text(const PosturePlan& plan) {
       out += (i ? ", " : "") + plan.floor_names[i];
     out += ".\n";
   }
-  if (plan.enough >= 0)
+  const bool reachable = !plan.tolerance || plan.needed >= 0;
+  if (reachable && plan.enough >= 0)
     out += text("Enough: %d posture%s. Three times as many lower the error by less than a tenth.\n",
                 plan.enough, plan.enough == 1 ? "" : "s");
-  else
+  else if (reachable)
     out += "More postures still help: three times as many lower the error by more than a tenth.\n";
   if (plan.tolerance && plan.needed >= 0)
     out += plan.tolerance->text + text(": about %d postures are needed.\n", plan.needed);
@@ -605,7 +606,7 @@ std::string plan_text(const PosturePlan& plan) {
         "the mounts in the rig, give more.\n",
         plan.postures.size(), plan.asked);
   if (!plan.unvisited.empty())
-    out += "Without a sample, so that an error curve keeps its prior there (rad):\n";
+    out += "Without a sample (rad): errors that depend on the angle are not seen there.\n";
   for (const UnvisitedAngles& of : plan.unvisited) {
     out += "  " + of.joint + ":";
     for (size_t i = 0; i < of.ranges.size(); ++i)

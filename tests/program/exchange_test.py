@@ -1046,6 +1046,30 @@ sensors: {tracker: {type: point, link: base, sigma: 0.0001}, mocap: {type: pose,
                 self.write("a.csv", text)
                 self.fails(["import", "a.csv", *arguments], *words)
 
+    def test_a_joint_with_the_name_of_a_measured_column(self):
+        """A SCARA's slide is called z, as is what the tracker measures."""
+        self.write("z.urdf", self.read("arm.urdf").replace('"j2" type="revolute"', '"z" type="prismatic"'))
+        self.write("track.yaml", """format: kincal/1
+robot: z.urdf
+base: base
+targets: {ball: {type: points, points: [[0, 0, 0]], mount: {link: tool}}}
+sensors: {tracker: {type: point, link: base, sigma: 0.0001}}
+""")
+        base = ["--rig", "track.yaml", "--sensor", "tracker"]
+        for header, maps in (("j1,joint/z,x,y,z", []), ("j1,J3,x,y,z", ["--map", "J3=joint/z"]),
+                             ("j1,z,tx,ty,tz", ["--map", "z=joint/z", "--map", "tx=x", "--map", "ty=y", "--map", "tz=z"])):
+            with self.subTest(header=header):
+                self.write("a.csv", header + "\n0.5,0.25,1,2,3\n")
+                line = json.loads(self.good("import", "a.csv", *base, *maps).stdout)
+                self.assertEqual(line["joints"], {"j1": 0.5, "z": 0.25})
+                self.assertEqual(line["views"][0]["points"], [[1, 2, 3]])
+        self.write("a.csv", "j1,joint/z,x,y,z\n90,250,1000,2000,3000\n")   # the unit of lengths is that of the slide, too
+        line = json.loads(self.good("import", "a.csv", *base, "--unit", "mm", "--angles", "deg").stdout)
+        self.assertEqual(line["joints"], {"j1": 90 * DEG, "z": 0.25})
+        self.assertEqual(line["views"][0]["points"], [[1, 2, 3]])
+        self.write("a.csv", "j1,z,x,y,z\n0.5,0.25,1,2,3\n")
+        self.fails(["import", "a.csv", *base], "a.csv:1", "two columns 'z'", "'joint/z'")
+
     def test_atom(self):
         """A data set of ATOM as its documentation has it: joints, and labels of cameras."""
         self.write("dataset.json", json.dumps({
