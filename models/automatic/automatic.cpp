@@ -311,17 +311,20 @@ const double kGearsRight = std::log(100);
 FurtherTrial try_gears_in_noise(const Calibrated& best) {
   FurtherTrial out;
   TriedGroup tried{kGears};
-  const std::vector<double> factors = {1, 10};  // of the usual widths, as for other groups
-  std::vector<std::vector<FreeDirection>> gears(factors.size());
-  for (size_t i = 0; i < factors.size(); ++i)
+  tried.gain = -kInfinity;
+  std::vector<std::vector<FreeDirection>> gears;
+  for (const double factor : kWidthsTried) {
+    gears.emplace_back();
     for (const Member& m : best.fit.groups.gears)
-      gears[i].push_back({{{m.component, 1}}, factors[i] * m.start});
+      gears.back().push_back({{{m.component, 1}}, factor * m.start});
+  }
   const std::vector<double> score = scores(linearise(best.found.solution), gears);
-  for (size_t i = 0; i < factors.size(); ++i) {
-    const double u = std::log(factors[i]) / kWidthSpread, gain = score[i] - kGearsRight - u * u / 2;
-    if (i > 0 && !(gain > tried.gain)) continue;
+  for (size_t i = 0; i < score.size(); ++i) {
+    const double u = std::log(kWidthsTried[i]) / kWidthSpread,
+                 gain = score[i] - kGearsRight - u * u / 2;
+    if (!(gain > tried.gain)) continue;
     tried.gain = gain;
-    out.factor[kGears] = factors[i];
+    out.factor[kGears] = kWidthsTried[i];
   }
   if (tried.gain >= kEvidence) {
     tried.outcome = TriedGroup::Outcome::kept;

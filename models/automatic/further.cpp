@@ -17,8 +17,6 @@ namespace {
 
 constexpr int kFurtherRounds = 20;  // of widths: changes are small by then
 constexpr int kFolds = 5;           // as usual in cross-validation
-constexpr double kStarts[] = {1,
-                              10};  // of a group's widths: their evidence has two maxima (an Aubo)
 
 /// Where the parameters of a recording are in one with more of them: by index.
 std::vector<int> places_of(const ParameterTable& table, const ParameterTable& in) {
@@ -128,7 +126,7 @@ WidthProblem alone(const WidthProblem& p, const Beside& of) {
 Widths best_widths(const WidthProblem& problem) {
   Widths best;
   double most = 0;
-  for (const double start : kStarts) {
+  for (const double start : kWidthsTried) {
     if (!problem.learns(0) && start != 1) continue;
     Widths widths = learn_widths(problem, VectorXd::Constant(1, start), kFurtherRounds);
     if (!widths.defined) continue;

@@ -41,6 +41,10 @@
 
 namespace kincal {
 
+/// Where the width of a group is looked for, in starting widths: its evidence has two maxima (an
+/// Aubo).
+constexpr double kWidthsTried[] = {1, 10};
+
 /// A FitWithGroups is what further models are tried on.
 struct FitWithGroups {
   std::shared_ptr<const Recording> recording;  // with the noise that was found, or is seen
