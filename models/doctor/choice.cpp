@@ -319,6 +319,10 @@ std::optional<AcceptedHypothesis> choose(const Recording& recording, const Trial
   return weighing.found() ? weighing.take() : std::nullopt;
 }
 
+Trial fit_without(const Recording& recording, const TrialContext& context, const Hypothesis& h) {
+  return try_hypothesis(recording, context, h, {100, 1e-9});
+}
+
 std::vector<AcceptedHypothesis> first_looks(const Recording& recording, const TrialContext& context,
                                             const TrialFit& now) {
   std::vector<Hypothesis> all = hypotheses(recording.rig, recording.table, recording.samples,

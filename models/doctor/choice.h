@@ -31,6 +31,9 @@ std::pair<std::string, std::string> told(const Hypothesis& h, const Trial& t);
 std::optional<AcceptedHypothesis> choose(const Recording& recording, const TrialContext& context,
                                          const TrialFit& now);
 
+/// Returns the fit of all samples of a recording with one mistake undone.
+Trial fit_without(const Recording& recording, const TrialContext& context, const Hypothesis& h);
+
 /// Returns what may be the first of two mistakes, undone: the likeliest few, however little they
 /// explain.
 std::vector<AcceptedHypothesis> first_looks(const Recording& recording, const TrialContext& context,

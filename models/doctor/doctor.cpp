@@ -134,6 +134,7 @@ struct State {
   TrialContext context;
   TrialFit now;
   std::vector<Notice> findings;
+  std::optional<Hypothesis> last = {};  // that was found
 
   /// The log density of the views and points that were left out, with the prior of the findings.
   double log_besides() const {
@@ -163,6 +164,7 @@ struct State {
 void undo_and_tell(AcceptedHypothesis best, Evidence evidence, State& state) {
   Hypothesis& h = best.hypothesis;
   const bool hidden = good(state.now);
+  state.last = h;
   evidence.sentences += or_else(best);
   Rig rig = best.trial.recording.rig;
   if (!h.squares.empty()) scale(state.recording->rig, best, rig);
@@ -189,6 +191,18 @@ bool explain(State& state) {
                              : prove_by_chi2(state.now, best->trial.fit);
   undo_and_tell(std::move(*best), std::move(evidence), state);
   return true;
+}
+
+/// Leaves what was found last alone, where that is likelier: what was found before it only seemed
+/// to explain something.
+void drop_the_former(const State& as_given, State& state) {
+  State alone = as_given;
+  alone.context.tried = nullptr;
+  Trial trial = fit_without(*as_given.recording, as_given.context, *state.last);
+  if (!std::isfinite(trial.cost)) return;
+  Evidence evidence = prove_by_chi2(as_given.now, trial.fit);
+  undo_and_tell({*state.last, std::move(trial), 0, {}}, std::move(evidence), alone);
+  if (alone.log() > state.log()) state = std::move(alone);
 }
 
 /// The likeliest state with two mistakes undone: one of the first looks, and the mistake found on
@@ -468,7 +482,7 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
   if (as_is.complete() && !good(as_is) && context.usual_steps)
     freer = fit_with_usual_errors(*recording, context, context.all, as_is);
   context.explained_as_given = good(freer ? freer->fit : as_is);
-  const State as_given = {recording, recording, std::move(context), std::move(as_is), {}};
+  const State as_given = {recording, recording, std::move(context), std::move(as_is), {}, {}};
   State state = as_given;
   const auto hopeless = [&] { return !(state.now.per_dof() < Thresholds::hopeless); };
   const auto found_still_joint = [&] {
@@ -480,14 +494,17 @@ Diagnosis examine(const SharedRecording& recording, TrialContext context, Failur
     const bool explained = explain(state);
     if (state.context.tried) out.alternatives = *std::exchange(state.context.tried, nullptr);
     if (!explained || found_still_joint()) break;
+    if (state.findings.size() > 1) drop_the_former(as_given, state);
   }
   if (!still_joint && hopeless()) {
     // What leaves more than any noise may have been believed in place of two others.
     State one = as_given;
     one.context.tried = nullptr;
     State two = explain_two(one);
-    if (!two.findings.empty() && (state.findings.empty() || two.log() > state.log() + kFound))
+    if (!two.findings.empty() && (state.findings.empty() || two.log() > state.log() + kFound)) {
       state = std::move(two);
+      drop_the_former(as_given, state);
+    }
   }
   bool changed = false;
   if (!still_joint && !good(state.now) && (state.findings.empty() || hopeless())) {

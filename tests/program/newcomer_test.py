@@ -886,6 +886,18 @@ class Words(Case):
                     estimate = result["parameters"][name]
                     self.assertLess(abs(estimate["value"][0] - CAMERA_TRUTH[name]), 3.5 * estimate["sigma"][0], name)
 
+    def test_what_a_lag_explains_alone_is_no_second_mistake(self):
+        """A board that moved, or another resolution, seemed to explain a part, and was named beside the lag."""
+        for share in (0.05, 0.1):
+            with self.subTest(share=share):
+                samples = self.simulate(POSED, CAMERA_TRUTH, samples=30, seed=2, out="sim%g" % share)
+                for now, before in zip(samples[:0:-1], samples[-2::-1]):
+                    for joint in now["joints"]:
+                        now["joints"][joint] += share * (before["joints"][joint] - now["joints"][joint])
+                self.write("samples.jsonl", "".join(json.dumps(s) + "\n" for s in samples))
+                found = json.loads(self.kincal("check", "rig.yaml", "samples.jsonl", "--json"))["findings"]
+                self.assertEqual([f["id"] for f in found], ["lag"])
+
     def test_a_prior_that_the_data_contradict_is_named(self):
         samples = self.simulate(TRACKER, TRACKER_TRUTH, samples=30)
         for width, expected in ((0.0003, 1), (0.005, 0)):
