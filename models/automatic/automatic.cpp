@@ -334,7 +334,8 @@ FurtherTrial try_gears_in_noise(const Calibrated& best) {
   return out;
 }
 
-/// Whether the noise of a joint's readings is what a fit shows, and not what the rig states.
+/// Whether the noise of a joint's readings is what a fit shows, and not what the rig states: else
+/// nothing hides in it, and weighing gears with unknown noise would only take time.
 bool has_seen_noise(const Calibrated& best) {
   const std::vector<JointSettings>&now = best.fit.recording->rig.joints,
         &stated = best.found.solution.rig().joints;
