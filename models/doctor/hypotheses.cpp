@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "board_mistakes.h"
 #include "camera_mistakes.h"
 #include "joint_mistakes.h"
 #include "pose_mistakes.h"

@@ -1,4 +1,4 @@
-// Mistakes about targets: sizes, how boards are laid out and numbered, mirrored points, moved ones.
+// Mistakes about targets: sizes, orders of points that are no board, mirrored points, moved ones.
 // Functions that add append their hypotheses.
 #pragma once
 
@@ -13,16 +13,6 @@ namespace kincal {
 /// Adds sizes of boards and units of points, where the rig does not free them.
 void add_squares(const Rig& rig, const ParameterTable& table, const ObservationIndex& observations,
                  const FreedNames& freed, std::vector<Hypothesis>& out);
-/// Adds rows and columns exchanged, points numbered from another corner or mirrored.
-void add_boards(const Rig& rig, const ObservationIndex& observations, std::vector<Hypothesis>& out);
-/// Adds boards whose rows have one point more or less than the rig says: squares counted in place
-/// of inner corners, another board.
-void add_widths(const Rig& rig, const std::vector<Sample>& samples,
-                const ObservationIndex& observations, std::vector<Hypothesis>& out);
-/// Adds ids of a board's points that are one too large or too small, where no view has the first id
-/// or none the last.
-void add_counts_from_one(const Rig& rig, const std::vector<Sample>& samples,
-                         const ObservationIndex& observations, std::vector<Hypothesis>& out);
 /// Adds points of a target (not a grid) that are measured in another order than the rig lists them:
 /// the orders that suit the distances measured; of what measures no distances the reverse.
 void add_point_orders(const Rig& rig, const std::vector<Sample>& samples,

@@ -97,13 +97,20 @@ int points_of_mark(const Target& target) {
   return target.type == "apriltag_grid" || target.type == "marker" ? 4 : 1;
 }
 
-std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m) {
+std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m,
+                            const Eigen::Matrix2d& of_mark) {
   const Matrix3Xd& layout = target.layout;
   if (!target.grid || layout.cols() < 3) return {};
-  const Eigen::Vector2d centre = layout.topRows<2>().rowwise().mean();
+  const auto middle = [&](Eigen::Index first, Eigen::Index count) {
+    return Eigen::Vector2d(layout.block(0, first, 2, count).rowwise().mean());
+  };
+  const Eigen::Vector2d centre = middle(0, layout.cols());
+  const Eigen::Index of_one = points_of_mark(target);
   std::vector<int> out;
   for (Eigen::Index i = 0; i < layout.cols(); ++i) {
-    const Eigen::Vector2d at = centre + m * (layout.col(i).head<2>() - centre);
+    const Eigen::Vector2d mark = middle(i - i % of_one, of_one),
+                          at = centre + m * (mark - centre) +
+                               of_mark * (layout.col(i).head<2>() - mark);
     Eigen::Index place = 0;
     if ((layout.topRows<2>().colwise() - at).colwise().norm().minCoeff(&place) > 1e-6) return {};
     out.push_back(static_cast<int>(place));

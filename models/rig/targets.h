@@ -61,10 +61,16 @@ bool numbered_by_markers(const Target& target);
 /// else 1.
 int points_of_mark(const Target& target);
 
-/// Returns the permutation of a flat target's points that is a rotation or reflection by `m`
-/// (orthogonal 2 x 2) about its centre: entry i is the index of the point onto which point i moves.
-/// Empty if the target does not coincide with itself.
-std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m);
+/// Returns the permutation of a flat target's points that is a rotation or reflection of its marks
+/// by `m` (orthogonal 2 x 2) about its centre, and of the points of each mark by `of_mark` about
+/// theirs: entry i is the index of the point onto which point i moves. Empty if the target does not
+/// coincide with itself.
+std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m,
+                            const Eigen::Matrix2d& of_mark);
+/// The same of the whole target.
+inline std::vector<int> relabeling(const Target& target, const Eigen::Matrix2d& m) {
+  return relabeling(target, m, m);
+}
 
 /// Replaces the ids of a view (all points in order if it has none) by their entries in `places`.
 void relabel(View& view, const Target& target, const std::vector<int>& places);

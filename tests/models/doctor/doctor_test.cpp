@@ -139,6 +139,43 @@ TEST_CASE("hypotheses: relabelings of a grid") {
   CHECK(v.ids == std::vector<int>{19, 12, 0});
 }
 
+/// Views that list the corners of tags as others do: (row, column, corner) as written by the rig's.
+TEST_CASE("hypotheses: other orders of the corners of tags") {
+  EyeInHand e;
+  GridLayout grid;
+  grid.kind = GridLayout::Kind::tags;
+  grid.rows = 2, grid.columns = 3, grid.gap = 0.3;
+  e.rig.targets[0].type = "apriltag_grid";
+  e.rig.targets[0].layout = grid_layout(grid);
+  for (Sample& s : e.samples) s.views[0].ids = {0, 1, 2, 3, 9};
+  const ParameterTable table(e.rig);
+  FreedNames freed;
+  freed.parameter.assign(table.all.size(), 0);
+  freed.whole = freed.parameter;
+  // What the rig's corners 0 to 3 of the first tag, and 1 of the third one, are listed as.
+  const std::pair<std::string, std::vector<int>> cases[] = {
+      {"the corners of each tag of target 'board' begin with the upper left one and go clockwise",
+       {3, 2, 1, 0, 10}},
+      {"the corners of each tag of target 'board' begin with the lower right one and go "
+       "counter-clockwise",
+       {1, 2, 3, 0, 10}},
+      {"the corners of each tag of target 'board' begin with the lower left one and go clockwise",
+       {0, 3, 2, 1, 11}},
+      {"the tags of target 'board' are numbered mirrored: the last row first, and their corners "
+       "begin with the lower left one and go counter-clockwise",
+       {12, 13, 14, 15, 21}}};
+  const std::vector<Hypothesis> all = hypotheses(e.rig, table, e.samples, freed);
+  for (const auto& [mistake, meant] : cases) {
+    INFO(mistake);
+    const auto found = std::find_if(all.begin(), all.end(), [&, &mistake = mistake](const auto& h) {
+      return h.mistake == mistake;
+    });
+    REQUIRE(found != all.end());
+    CHECK(found->kind == NoticeKind::numbering);
+    CHECK(found->undo(Recording(e.rig, e.samples)).samples[0].views[0].ids == meant);
+  }
+}
+
 TEST_CASE("hypotheses: undone twice is nothing done") {
   const EyeInHand e;
   const ParameterTable table(e.rig);
