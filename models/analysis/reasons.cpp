@@ -62,10 +62,8 @@ std::vector<int> breaking_joints(const Scene& scene, const VectorXd& a, const Ve
       const double by = sign * (slides(scene, j) ? 0.1 : 0.4);
       const std::vector<ViewMotion> first = motions(scene, a, j, by),
                                     second = motions(scene, b, j, by);
-      const double parts =
-          squared_lengths(scene, first).first + squared_lengths(scene, second).first;
-      if (parts > 0)
-        worst = std::max(worst, std::sqrt(squared_lengths(scene, first, &second).first / parts));
+      const double parts = squared_points(first) + squared_points(second);
+      if (parts > 0) worst = std::max(worst, std::sqrt(squared_points(first, &second) / parts));
     }
     if (worst > std::max(2 * kCancel, 5 * now)) found.push_back({-worst, j});
   }
@@ -221,7 +219,7 @@ class ReasonFinder {
 
   void nothing() {
     const std::vector<ViewMotion> motion = motions(scene_, d_);
-    if (squared_lengths(scene_, motion).second > 0 && kind_of(scene_, motion) == Kind::turn) {
+    if (squared_wholes(scene_, motion) > 0 && kind_of(scene_, motion) == Kind::turn) {
       out_.kind = "on_axis";
       out_.why = "all points seen lie on the axis about which " + names() +
                  " turns: one point, or points on a line";
@@ -273,10 +271,13 @@ class ReasonFinder {
       b = d_ - a;
     }
     const std::vector<ViewMotion> left = motions(scene_, a), right = motions(scene_, b);
-    const auto l = squared_lengths(scene_, left), r = squared_lengths(scene_, right),
-               sum = squared_lengths(scene_, left, &right);
-    const double whole = std::sqrt(sum.second / std::max(1e-300, l.second + r.second));
-    const double points = std::sqrt(sum.first / std::max(1e-300, l.first + r.first));
+    const auto share = [](double together, double l, double r) {
+      return std::sqrt(together / std::max(1e-300, l + r));
+    };
+    const double whole = share(squared_wholes(scene_, left, &right), squared_wholes(scene_, left),
+                               squared_wholes(scene_, right)),
+                 points = share(squared_points(left, &right), squared_points(left),
+                                squared_points(right));
     if (points > 3 * kCancel) return trade_off();
     const std::string sides = names();
     const std::vector<int> joints = breaking_joints(scene_, a, b, std::max(points, now));

@@ -142,17 +142,22 @@ std::vector<ViewMotion> motions(const Scene& scene, const VectorXd& step, int mo
   return out;
 }
 
-std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<ViewMotion>& a,
-                                          const std::vector<ViewMotion>* b) {
-  std::pair<double, double> sum = {0, 0};
-  for (size_t v = 0; v < a.size(); ++v) {
+double squared_points(const std::vector<ViewMotion>& a, const std::vector<ViewMotion>* b) {
+  double sum = 0;
+  for (size_t v = 0; v < a.size(); ++v)
     for (size_t i = 0; i < a[v].points.size(); ++i)
-      sum.first +=
-          (b ? Vector3d(a[v].points[i] + (*b)[v].points[i]) : a[v].points[i]).squaredNorm();
+      sum += (b ? Vector3d(a[v].points[i] + (*b)[v].points[i]) : a[v].points[i]).squaredNorm();
+  return sum;
+}
+
+double squared_wholes(const Scene& scene, const std::vector<ViewMotion>& a,
+                      const std::vector<ViewMotion>* b) {
+  double sum = 0;
+  for (size_t v = 0; v < a.size(); ++v) {
     const Vector6d twist = b ? Vector6d(a[v].twist + (*b)[v].twist) : a[v].twist;
     const Vector3d origin = scene.sensor_T_target(scene.solution(), scene.seen()[v]).translation;
-    sum.second += (twist.head<3>() + twist.tail<3>().cross(origin)).squaredNorm() +
-                  0.04 * twist.tail<3>().squaredNorm();
+    sum += (twist.head<3>() + twist.tail<3>().cross(origin)).squaredNorm() +
+           0.04 * twist.tail<3>().squaredNorm();
   }
   return sum;
 }

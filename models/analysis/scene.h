@@ -81,9 +81,11 @@ struct ViewMotion {
 std::vector<ViewMotion> motions(const Scene& scene, const VectorXd& step, int moved = -1,
                                 double by = 0);
 
-/// Returns squared lengths over all views, of the seen points (first) and of the whole motion, felt
-/// at 0.2 m around the target (second): of `a`, or of `a` and `b` together.
-std::pair<double, double> squared_lengths(const Scene& scene, const std::vector<ViewMotion>& a,
-                                          const std::vector<ViewMotion>* b = nullptr);
+/// Returns the squared lengths of the motions of all seen points: of `a`, or of `a` and `b`
+/// together.
+double squared_points(const std::vector<ViewMotion>& a, const std::vector<ViewMotion>* b = nullptr);
+/// Returns the same of whole views, felt at 0.2 m around the target.
+double squared_wholes(const Scene& scene, const std::vector<ViewMotion>& a,
+                      const std::vector<ViewMotion>* b = nullptr);
 
 }  // namespace kincal
