@@ -12,8 +12,6 @@ namespace {
 // Log odds beforehand that a rig names the wrong one of both lenses. Of 40 right ones none was
 // named.
 const double kOtherLens = std::log(0.1);
-// Width of a tangential coefficient to begin with: calibrated lenses have 1e-4 to some 1e-3.
-constexpr double kTangential = 0.001;
 constexpr int kLensRounds = 20;  // of widths
 constexpr int kLensSteps = 2;    // of the quadratic model
 
@@ -123,32 +121,16 @@ struct WeighedLens {
   double log_evidence = kNan;  // with the hyperprior of the factors
 };
 
-/// The quadratic model at a state, where tangential coefficients of a camera have a group of their
-/// own, the last one.
-FitWidths with_tangential(const FitWithGroups& fit, int sensor, const DataProblem& data) {
-  FitWidths out = width_problem(*fit.recording, data, fit.groups);
-  const int distortion = distortion_of(*fit.recording, sensor), group = out.problem.groups++;
-  if (lens_type(fit.recording->rig.sensors[sensor].parameters).lens == Lens::brown_conrady)
-    for (size_t i = 0; i < out.columns.size(); ++i) {
-      const Component& c = out.columns[i];
-      if (c.parameter != distortion || (c.index != 2 && c.index != 3)) continue;
-      out.problem.group[i] = group;
-      out.problem.start(static_cast<Eigen::Index>(i)) = kTangential;
-    }
-  return out;
-}
-
 /// Moves a camera's lens in a fit, and all else with it, to its best values, and weighs it there.
-WeighedLens weigh_lens(const FitWithGroups& fit, int sensor) {
+WeighedLens weigh_lens(const FitWithGroups& fit) {
   DataProblem data = data_problem(*fit.recording, fit.setup, fit.values, fit.groups);
   Eigen::Index own = 0;
   for (const GroupShape& shape : data.problem->groups()) own += shape.private_size;
   const VectorXd start = data.state, still = VectorXd::Zero(own);
-  VectorXd factor = VectorXd::Ones(fit.factor.size() + 1);
-  factor.head(fit.factor.size()) = fit.factor;
+  VectorXd factor = fit.factor;
   WeighedLens out;
   for (int step = 0;; ++step) {
-    FitWidths at = with_tangential(fit, sensor, data);
+    FitWidths at = width_problem(*fit.recording, data, fit.groups);
     const Widths best = learn_widths(at.problem, factor, kLensRounds);
     if (!best.defined) return out;
     factor = best.factor;
@@ -230,8 +212,7 @@ std::vector<OtherLens> other_lenses(const FitWithGroups& fit,
         std::none_of(estimated.begin(), estimated.end(),
                      [&](const Component& c) { return c.parameter == distortion; }))
       continue;
-    const WeighedLens own = weigh_lens(fit, sensor),
-                      other = weigh_lens(with_other_lens(fit, sensor), sensor);
+    const WeighedLens own = weigh_lens(fit), other = weigh_lens(with_other_lens(fit, sensor));
     OtherLens one;
     one.model.kind = NoticeKind::intrinsics;
     one.model.where = {Subject::sensor(fit.recording->rig.sensors[s].name)};

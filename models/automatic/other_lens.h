@@ -5,9 +5,7 @@
 // At a fit, the camera gets the other lens with the coefficients that come nearest to the present
 // one over the angles seen, with the same focal lengths and centre. From there two steps of the
 // quadratic model (widths.h) lead to its best values and widths, where its log evidence is taken;
-// for the present lens likewise. Errors count from no distortion (r = tan(angle)). Tangential
-// coefficients have a group of their own: they are some hundredths of radial ones, and with one
-// width for both, small terms that turn the camera by many sigmas would count as unlikely.
+// for the present lens likewise. Errors count from no distortion (r = tan(angle)).
 //
 // With m the change of all other parameters, predicted errors cover the other lens (widths.h).
 #pragma once

@@ -28,7 +28,8 @@
 // thousand, shared by all of its kind. A finding has odds of 99 to 1 against the data as they are,
 // beyond what differs by chance where neither explains them. A mistake that frees parameters, and
 // then explains the data, may also have these odds where everything else is as the rig states it:
-// among the errors of any robot is also a square or a baseline that is some percent off.
+// among the errors of any robot is also a square or a baseline that is some percent off. (Not so a
+// different lens: other values of the rig's own explain as much.)
 #pragma once
 
 #include <cmath>

@@ -145,8 +145,10 @@ std::vector<Look> shortlist(const Recording& recording, const TrialContext& cont
     const Trial t =
         try_hypothesis(some, context, candidates[i], {10, 1e-2, false, kHopeless * least});
     if (!std::isfinite(t.cost)) continue;
-    if (!candidates[i].leaves_out) least = std::min(least, t.cost);
-    explained = explained || (!good(now) && good(t.fit));
+    // (Another lens takes up what is wrong with the rig's own: the evidence decides on it.)
+    const bool decides = !candidates[i].leaves_out && !candidates[i].only_of_misfits;
+    if (decides) least = std::min(least, t.cost);
+    explained = explained || (decides && !good(now) && good(t.fit));
     order.push_back({rough_log_evidence(t.recording, t.fit, &candidates[i]) +
                          log_left_out(some, t.recording, t.fit),
                      i});
@@ -203,7 +205,6 @@ class Weighing {
         rough_log_evidence(t.recording, t.fit, &h) + log_left_out(recording_, t.recording, t.fit);
     const double by_chance = log_by_chance({{recording_, now_}}, {{t.recording, t.fit}}, h.where);
     if (rough < std::max(rough_, rough_as_is_ + by_chance) - kFarBehind) return;
-    rough_ = std::max(rough_, rough);
     if (!as_is_)
       as_is_ = log_evidence(recording_, context_, context_.all, now_) +
                log_left_out(recording_, recording_, now_);
@@ -213,9 +214,10 @@ class Weighing {
     const double log_odds = log - *as_is_;
     if (context_.tried) context_.tried->push_back({h.kind, h.where, log_odds});
     if (!(log_odds - by_chance > kFound) &&
-        !(good(t.fit) && now_.per_dof() > Thresholds::clean_gain * t.fit.per_dof() &&
-          explains_alone(h, t)))
+        !(!h.only_of_misfits && good(t.fit) &&
+          now_.per_dof() > Thresholds::clean_gain * t.fit.per_dof() && explains_alone(h, t)))
       return;
+    rough_ = std::max(rough_, rough);
     found_.push_back({h.kind, h.where, log_odds});
     const Look look = {log_odds, index + (h.rarer ? all.size() : 0)};
     if (best_ && !is_before(look)) return;
@@ -258,7 +260,7 @@ class Weighing {
   const TrialContext& context_;
   const TrialFit& now_;
   double rough_as_is_;
-  double rough_;                 // of the likeliest so far
+  double rough_;                 // of the likeliest finding so far
   std::optional<double> as_is_;  // log evidence
   std::vector<Alternative> found_;
   std::optional<AcceptedHypothesis> best_;

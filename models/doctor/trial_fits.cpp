@@ -46,13 +46,17 @@ Recording with_usual_steps(const Recording& recording) {
     if (j >= 0) step.free.push_back("joint/" + rig.tree.joints[j].name + "/origin");
   rig.steps = {step};
   step.name = "lenses";  // (after the poses: from far off a lens takes their errors up)
-  const double lens = scales(ParameterKind::distortion, "").width;
-  for (const Sensor& sensor : rig.sensors)
-    if (is_lens_open(sensor)) {
-      const std::string name = "sensor/" + sensor.name + "/distortion";
-      step.free.push_back(name);
-      step.priors.push_back({name, lens, lens, false, name});
+  const ParameterTable& table = recording.table;
+  for (size_t s = 0; s < rig.sensors.size(); ++s) {
+    if (!is_lens_open(rig.sensors[s])) continue;
+    const int lens = table.index_of(ParameterKind::distortion, static_cast<int>(s));
+    step.free.push_back(table.all[lens].name);
+    for (int c = 0; c < table.all[lens].size(); ++c) {
+      const std::string name = table.all[lens].component_name(c);
+      const double width = scales(table, {lens, c}, table.initial).width;
+      step.priors.push_back({name, width, width, false, name});
     }
+  }
   if (!step.priors.empty()) rig.steps.push_back(step);
   step.name = "offsets";
   step.free.push_back("joint/*/offset");

@@ -37,7 +37,7 @@ constexpr Size no = {kInfinity, false};  // the kind has none
 
 struct ScaleRow {
   ParameterKind kind;
-  const char* unit;
+  const char* unit;  // or the name of a component whose sizes differ from those of its unit
   Size width, usual, yardstick, loose, open, least, mistaken, reported, far;
 };
 
@@ -60,7 +60,8 @@ using K = ParameterKind;
 //   resolution. A lens known to 5 % maps nothing.
 // distortion: many rigs have lenses without any, and k3 is large where k1 is not (width); restarts
 //   with as much fold points over (usual). xi and alpha of fisheyes are known to that, too; a chip
-//   stands straight to a degree (rad: tau).
+//   stands straight to a degree (rad: tau). Calibrated lenses have tangential coefficients of 1e-4
+//   to some 1e-3 (p1, p2).
 // time_offset: clocks of one computer are right to milliseconds; a picture is stamped when it
 //   arrives, exposure and transfer too late. line_time: chips read out 500 to 2,000 rows in 5 to
 //   30 ms; data sheets state it to some percent.
@@ -95,6 +96,8 @@ constexpr ScaleRow kScaleRows[] = {
     {K::target_pose,  "m",   no,     5_cm,    1_cm,   3_cm,  30_cm,  no,     no,   10_cm,  25_cm},
     {K::intrinsics,   "px",  2_pc,   3_pc,    1_pc,   5_pc,  5_pc,   4_pc,   5_pc, 20_pc,  25_pc},
     {K::distortion,   "",    0.5_n,  0.05_n,  0.1_n,  no,    no,     no,     no,   no,     no},
+    {K::distortion,   "p1",  0.001_n, 0.005_n, 0.1_n, no,    no,     no,     no,   no,     no},
+    {K::distortion,   "p2",  0.001_n, 0.005_n, 0.1_n, no,    no,     no,     no,   no,     no},
     {K::distortion,   "rad", 20_mrad, 10_mrad, 1_deg, no,    no,     no,     no,   no,     no},
     {K::baseline,     "m",   2_mm,   1_cm,    1_cm,   no,    no,     no,     3_pc, 1.5_pc, 25_pc},
     {K::range_scale,  "",    0.5_pc, 1_pc,    1_pc,   no,    no,     0.5_pc, no,   no,     25_pc},
@@ -119,24 +122,29 @@ Scales scales_of(const ScaleRow& row, double nominal) {
           row.mistaken.of(nominal), row.reported.of(nominal), row.far.of(nominal)};
 }
 
+/// The row of a kind and a unit or component; null: there is none.
+const ScaleRow* find_row(ParameterKind kind, const std::string& unit) {
+  const auto row =
+      std::find_if(std::begin(kScaleRows), std::end(kScaleRows),
+                   [&](const ScaleRow& r) { return r.kind == kind && r.unit == unit; });
+  return row == std::end(kScaleRows) ? nullptr : &*row;
+}
+
 }  // namespace
 
 Scales scales(ParameterKind kind, const std::string& unit, double nominal) {
-  const auto find = [&](const std::string& wanted) {
-    return std::find_if(std::begin(kScaleRows), std::end(kScaleRows), [&](const ScaleRow& row) {
-      return row.kind == kind && row.unit == wanted;
-    });
-  };
-  auto row = find(unit);
-  if (row == std::end(kScaleRows)) row = find("");
-  return scales_of(row == std::end(kScaleRows) ? kNoScales : *row, nominal);
+  const ScaleRow* row = find_row(kind, unit);
+  if (!row) row = find_row(kind, "");
+  return scales_of(row ? *row : kNoScales, nominal);
 }
 
 Scales scales(const ParameterTable& table, const Component& component, const VectorXd& values) {
   const Parameter& p = table.all[component.parameter];
   const bool first = p.pose || p.kind == ParameterKind::intrinsics;  // (poses have no shares)
-  Scales out =
-      scales(p.kind, p.units[component.index], values(p.start + (first ? 0 : component.index)));
+  const std::string& name = p.components[component.index];
+  const bool own_row = !name.empty() && find_row(p.kind, name);
+  Scales out = scales(p.kind, own_row ? name : p.units[component.index],
+                      values(p.start + (first ? 0 : component.index)));
   if (p.kind == ParameterKind::joint_shape) {
     out.width = out.usual = p.usual_error;
     if (p.yardstick > 0) out.yardstick = p.yardstick;
