@@ -182,11 +182,19 @@ void add_corner_orders(const Rig& rig, const std::set<int>& targets, std::vector
       if (places.empty() || order == board.m || !known.insert(places).second) continue;
       const Target& first = rig.targets[places.begin()->first];
       const bool alone = board.numbering.empty();
+      const auto as_well =
+          std::find_if(relabelings().begin(), relabelings().end(), [&](const Relabeling& r) {
+            return alone && r.m == order.transpose() && !relabeling(first, r.m, same).empty();
+          });
       const std::string of = where.size() > 1 ? " of targets " + joined(names_of(where))
                                               : " of target " + quoted(first.name);
       out.push_back(relabeled(
           rig,
-          {NoticeKind::numbering, board.m, corner_words(first, order),
+          {NoticeKind::numbering, board.m,
+           corner_words(first, order) + (as_well == relabelings().end()
+                                             ? ""
+                                             : " (or only the tags are numbered " +
+                                                   as_well->numbering + ": the data are the same)"),
            "list the corners of each tag as the rig does: they " + corner_words(first, same) +
                (alone ? "" : ". And " + board.cure)},
           where,

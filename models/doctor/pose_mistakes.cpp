@@ -107,8 +107,7 @@ struct Mistake {
 const Mistake kMistakes[] = {
     {NoticeKind::inverted_pose, "are given the wrong way round, as that of the base in the flange",
      "invert them: a reading is parent_T_child, it maps coordinates of the flange to the base's "
-     "(or "
-     "sensor and target sit on each other's links in the rig: the data are the same)",
+     "(or sensor and target sit on each other's links in the rig: the data are the same)",
      [](const Pose& pose) { return inverse(pose); }},
     {NoticeKind::quaternion, "have their quaternions with w first", "write \"quat\": [x, y, z, w]",
      scalar_first},
@@ -201,7 +200,8 @@ void add_radians(const Rig& rig, const std::vector<Sample>& samples, int joint, 
 }
 
 /// Measured poses of a sensor: quaternions with w first, read with w last, and the reverse.
-/// (Those the wrong way round are data of a sensor in its target's place: eye-in-hand.)
+/// (Those the wrong way round are data of a sensor in its target's place: eye-in-hand. Beside
+/// measured poses of the robot, the noise tells which of the two are: kInvertedView.)
 const Mistake kViewMistakes[] = {
     {NoticeKind::quaternion, "have their quaternions with w first",
      "write \"quat\": [x, y, z, w] into its views", scalar_first},
@@ -226,6 +226,13 @@ const Mistake kViewMistakes[] = {
        pose.translation = Vector3d(pose.translation(0), -pose.translation(2), pose.translation(1));
        return pose;
      }}};
+
+const Mistake kInvertedView = {
+    NoticeKind::inverted_pose,
+    "are given the wrong way round, as those of the sensor in the target",
+    "invert them: sensor_T_target maps coordinates of the target to the "
+    "sensor's",
+    [](const Pose& pose) { return inverse(pose); }};
 
 Undo of_poses(int sensor, const Change& change) {
   return of_views(sensor, [change](const Rig&, View& v) {
@@ -252,6 +259,7 @@ void add_pose_views(const Rig& rig, const ObservationIndex& observations,
       out.back().new_poses = true;
     };
     for (const Mistake& mistake : kViewMistakes) add(mistake);
+    if (!observations.floating.empty()) add(kInvertedView);
     add_conventions(add);
   }
 }

@@ -154,7 +154,8 @@ TEST_CASE("hypotheses: other orders of the corners of tags") {
   freed.whole = freed.parameter;
   // What the rig's corners 0 to 3 of the first tag, and 1 of the third one, are listed as.
   const std::pair<std::string, std::vector<int>> cases[] = {
-      {"the corners of each tag of target 'board' begin with the upper left one and go clockwise",
+      {"the corners of each tag of target 'board' begin with the upper left one and go clockwise "
+       "(or only the tags are numbered mirrored: the last row first: the data are the same)",
        {3, 2, 1, 0, 10}},
       {"the corners of each tag of target 'board' begin with the lower right one and go "
        "counter-clockwise",

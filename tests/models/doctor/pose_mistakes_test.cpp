@@ -253,4 +253,46 @@ TEST_CASE("doctor: the scale of measured marker poses is found, a right one is n
   }
 }
 
+TEST_CASE("doctor: of measured poses the wrong way round the flange's or the tracker's are named") {
+  // A tracker in the room, 0.5 mm and 1 mrad; readings of the flange, 0.05 mm and 0.1 mrad.
+  fixture::FlangeTruth truth({false, 5e-5, 1e-4, true}, 3);
+  const fixture::FlangeInput flange =
+      fixture::read(truth, 20, [](const Isometry3d& pose) { return xyz_quat(pose); });
+  for (const bool tracker : {true, false}) {
+    INFO(tracker);
+    Rig rig = flange.rig;
+    rig.sensors.clear();
+    fixture::add_mocap(rig, "tracker", "base", {}, 5e-4, 1e-3);
+    fixture::Random random(7);
+    const Pose base_T_tracker{exp_so3({0.3, -0.2, 0.5}), {1.5, 0.4, 0.3}},
+        flange_T_board{exp_so3({0.1, 0.2, -0.1}), {0.05, 0.02, 0.1}};
+    std::vector<Sample> samples = flange.samples;
+    const int flange_joint = rig.tree.find_joint("flange");
+    for (Sample& sample : samples) {
+      const Pose base_T_flange = pose_reading(rig.tree, flange_joint, sample.readings);
+      Vector6d noise;
+      for (int c = 0; c < 6; ++c) noise(c) = (c < 3 ? 5e-4 : 1e-3) * random.normal();
+      Pose seen = inverse(base_T_tracker) * base_T_flange * flange_T_board * exp_se3(noise);
+      if (tracker)
+        seen = inverse(seen);
+      else
+        set_pose_reading(rig.tree, flange_joint, inverse(base_T_flange), sample.readings);
+      const Eigen::Vector4d q = quaternion_from_rotation(seen.rotation);
+      View& view = sample.views[0];
+      view.sensor = 0;
+      view.ids = std::vector<int>();
+      view.z = {
+          seen.translation(0), seen.translation(1), seen.translation(2), q(0), q(1), q(2), q(3)};
+      view.sigma = rig.sensors[0].sigma;
+    }
+    rig.steps[0].sensors = {0};
+    rig.steps[0].free = {"sensor/tracker/pose", "target/board/pose"};
+    rig.sensors[0].pose_given = false;
+    const Notices found = diagnose(rig, samples, {})->findings;
+    REQUIRE_FALSE(found.empty());
+    CHECK(found[0].kind == NoticeKind::inverted_pose);
+    CHECK(names_of(found[0].where) == std::vector<std::string>{tracker ? "tracker" : "flange"});
+  }
+}
+
 }  // namespace pose_mistakes_test
