@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
-#include <set>
 #include <utility>
 
 #include "../../solver/decompositions.h"
@@ -158,38 +157,6 @@ std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& share
     out.push_back(std::move(gauge));
   }
   return out;
-}
-
-void add_gauges(const Solution& solution, const std::vector<Gauge>& gauges, Prediction& out) {
-  const ParameterTable& table = solution.table();
-  std::vector<Component> fixed, columns;
-  for (const Gauge& gauge : gauges)
-    if (!gauge.given) fixed.push_back(gauge.fixed);
-  if (fixed.empty()) return;
-  std::set<int> mounts(table.sensor_mount.begin(), table.sensor_mount.end());
-  for (const std::vector<int>* all : {&table.target_mount, &table.sensor_pose, &table.target_pose})
-    mounts.insert(all->begin(), all->end());
-  std::vector<Eigen::Index> poses;  // columns of components that move along
-  for (size_t i = 0; i < out.columns.size(); ++i) {
-    if (!mounts.count(out.columns[i].parameter)) continue;
-    poses.push_back(static_cast<Eigen::Index>(i));
-    columns.push_back(out.columns[i]);
-  }
-  const auto free = static_cast<Eigen::Index>(columns.size()),
-             more = static_cast<Eigen::Index>(fixed.size()), all = out.covariance.rows();
-  columns.insert(columns.end(), fixed.begin(), fixed.end());
-  const MatrixXd motions =
-      squared_motions(*solution.recording, solution.values.shared, columns, charts_of(solution));
-  MatrixXd moved = MatrixXd::Zero(all + more, more);  // by each that was fixed, by column
-  moved.bottomRows(more).setIdentity();
-  const MatrixXd follow =
-      -solve_symmetric(motions.topLeftCorner(free, free), motions.topRightCorner(free, more));
-  for (Eigen::Index i = 0; i < free; ++i) moved.row(poses[i]) = follow.row(i);
-  MatrixXd covariance = MatrixXd::Zero(all + more, all + more);
-  covariance.topLeftCorner(all, all) = out.covariance;
-  constexpr double kUnknown = 1;  // m, rad: as of poses that may be anywhere (evidence.h)
-  out.covariance = covariance + kUnknown * kUnknown * moved * moved.transpose();
-  out.columns.insert(out.columns.end(), fixed.begin(), fixed.end());
 }
 
 }  // namespace kincal

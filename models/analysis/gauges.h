@@ -37,8 +37,4 @@ struct Gauge {
 std::vector<Gauge> find_gauges(const Recording& recording, const VectorXd& shared,
                                const std::vector<Freed>& poses);
 
-/// Adds the uncertainty along gauges to the covariance of a solution, where the rig does not give
-/// the pose: the fixed component may be off by 1 m or 1 rad, and the others move along with it.
-void add_gauges(const Solution& solution, const std::vector<Gauge>& gauges, Prediction& out);
-
 }  // namespace kincal

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "../fitting/fit.h"
+#include "gauge_errors.h"
 #include "guessed_noise.h"
 #include "other_robot.h"
 
@@ -629,7 +630,8 @@ Calibrated calibrate_groups(const LearnedModel& model, const AutomaticOptions& o
   for (const OtherModel& other : out.other_models)
     if (other.moved.size() > 0)
       cover_change(other.moved, other.probability(), solution.prediction->covariance);
-  add_gauges(solution, out.gauges, *solution.prediction);
+  add_gauges({learned.recording, learned.setup, solution.values, groups, learned.widths.factor},
+             out.gauges, *solution.prediction);
   solution.data = data_of(learned, solution);
   out.groups = told(groups, learned, selection, others, solution);
   set_predicted_sigmas(out);

@@ -79,50 +79,6 @@ TEST_CASE("gauges: of parallel axes the heights at both ends are one") {
   CHECK(open.table.name(one[0].fixed) == "sensor/eye/pose.z");
 }
 
-TEST_CASE("gauges: the uncertainty along one moves no target relative to a sensor") {
-  Rig rig = recorded({kZ, kZ, kZ}, JointType::revolute).rig;
-  rig.sensors[0].pose_given = rig.targets[0].pose_given = false;
-  const Recording recording = recorded({kZ, kZ, kZ}, JointType::revolute).with_rig(std::move(rig));
-  const ParameterTable& table = recording.table;
-  const std::vector<Gauge> gauges = gauges_of(recording);
-  REQUIRE(gauges.size() == 1);
-  Solution solution;
-  solution.recording = make_recording(recording);
-  solution.initial = solution.values.shared = table.initial;
-  const Parameter& moved = table.all[gauges[0].fixed.parameter];
-  Vector6d xi = Vector6d::Zero();
-  xi << 0.02, -0.01, 0, 0.1, -0.2, 0.3;  // away from its start, except for the fixed component
-  xi(gauges[0].fixed.index) = 0;
-  set_pose(solution.values.shared, moved.start,
-           get_pose(solution.initial, moved.start) * exp_se3(xi));
-  Prediction known;
-  for (const char* const name : {"sensor/eye/pose", "target/board/pose"})
-    for (int c = 0; c < 6; ++c) {
-      const Component component = {table.find(name, "").front().parameter, c};
-      if (!(component == gauges[0].fixed)) known.columns.push_back(component);
-    }
-  for (const Component& c : known.columns) merge(solution.setup.free, {{c.parameter, {c.index}}});
-  known.covariance = 1e-8 * MatrixXd::Identity(11, 11);
-  Prediction with = known;
-  add_gauges(solution, gauges, with);
-  REQUIRE(with.columns.size() == 12);
-  CHECK(with.columns.back() == gauges[0].fixed);
-  CHECK(with.covariance(11, 11) == 1);
-  MatrixXd added = with.covariance;
-  added.topLeftCorner(11, 11) -= known.covariance;
-  const MatrixXd motions =
-      squared_motions(recording, solution.values.shared, with.columns, charts_of(solution));
-  CHECK(std::abs((motions * added).trace()) < 1e-10 * motions.trace());
-  const Unknowns unknowns{with.columns, charts_of(solution), with.covariance, {}, {}};
-  for (const char* const name : {"sensor/eye", "target/board"}) {
-    const Frame frame = *find_frame(recording.rig, table, name);
-    const MatrixXd d = frame_derivative(recording.rig, table, solution.values.shared, unknowns,
-                                        frame, recording.samples[0].readings)
-                           .by_unknowns;
-    CHECK((d * with.covariance * d.transpose())(2, 2) == Approx(1).epsilon(0.2));  // the height
-  }
-}
-
 TEST_CASE("gauges: none of other axes, near and far; three where all slides") {
   for (const double far : {1.0, 500.0}) {
     CHECK(gauges_of(recorded({kZ, kY, kX, kY}, JointType::revolute, far)).empty());
