@@ -434,7 +434,9 @@ static void test_plans(const kincal_problem* problem, const kincal_result* resul
   CHECK(needed > 100);
   kincal_answer_free(answer);
   answer = NULL;
-  FAILS(kincal_plan(empty, four, NULL, &answer, error), KINCAL_INPUT, "no candidate is left");
+  MUST(kincal_plan(empty, four, NULL, &answer, error)); /* for a rig alone */
+  kincal_answer_free(answer);
+  answer = NULL;
   const struct {
     const char *settings, *name, *text;
   } wrong[] = {{"{\"nxt\": 4}", "nxt", "there is no such option; nearest: next"},

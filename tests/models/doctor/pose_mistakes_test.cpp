@@ -8,6 +8,7 @@
 #include <catch2/catch.hpp>
 #include <cstdlib>
 
+#include "../../../kinematics/floating.h"
 #include "../../../models/doctor/doctor.h"
 #include "../../../models/doctor/plausibility.h"
 #include "../../../models/simulation/simulation.h"
