@@ -48,6 +48,22 @@ std::vector<SeenPair> seen_pairs(const Recording& recording) {
   return pairs;
 }
 
+/// Puts joints that never moved where they stood in all samples.
+void put_still_joints(const Recording& recording, Readings& readings) {
+  const Rig& rig = recording.rig;
+  for (size_t j = 0; j < readings.size(); ++j) {
+    double low = kInfinity, high = -kInfinity;
+    int samples = 0;
+    for (const int s : recording.training()) {
+      const double reading = recording.samples[s].readings[j];
+      if (!std::isfinite(reading)) continue;
+      low = std::min(low, reading), high = std::max(high, reading);
+      ++samples;
+    }
+    if (samples > 1 && high - low <= std::max(1e-6, 3 * rig.joints[j].sigma)) readings[j] = low;
+  }
+}
+
 }  // namespace
 
 MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
@@ -62,7 +78,8 @@ MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
   const Eigen::Index n = static_cast<Eigen::Index>(columns.size());
   const std::vector<SeenPair> pairs = seen_pairs(recording);
   MatrixXd out = MatrixXd::Zero(n, n);
-  for (const Readings& readings : random_postures(rig, kPostures, kSeed))
+  for (Readings& readings : random_postures(rig, kPostures, kSeed)) {
+    put_still_joints(recording, readings);
     for (const SeenPair& pair : pairs) {
       MatrixXd apart = MatrixXd::Zero(6, n);
       Pose at;
@@ -84,6 +101,7 @@ MatrixXd squared_motions(const Recording& recording, const VectorXd& shared,
       }
       out += apart.transpose() * apart;
     }
+  }
   return out;
 }
 

@@ -2,7 +2,8 @@
 // the sensors that see it, in any posture.
 //
 // With J the motion of each target in the frame of a sensor that sees it (of a target of one point,
-// that of the point) by the unknowns, in postures drawn within the joints' limits, a gauge is a
+// that of the point) by the unknowns, in postures drawn within the limits of the joints (of those
+// that moved in the samples; others stand where they stood), a gauge is a
 // direction d with J d = 0: J'J has an eigenvalue of zero. Where all axes are parallel (SCARA,
 // palletizer) the heights at the base and at the other end are one parameter; if all joints slide,
 // so are all three coordinates; if two cameras see free targets only, their common pose. More

@@ -87,6 +87,17 @@ TEST_CASE("gauges: none of other axes, near and far; three where all slides") {
   CHECK(gauges_of(recorded({kX, kY, kZ}, JointType::prismatic)).size() >= 3);
 }
 
+TEST_CASE("gauges: a joint that never moved is no joint") {
+  const Recording recording = recorded({kZ, kZ, kY}, JointType::revolute);
+  std::vector<Sample> samples(4, recording.samples[0]);
+  for (size_t i = 0; i < samples.size(); ++i)
+    for (size_t j = 0; j < 3; ++j)
+      samples[i].readings[j] = 0.1 + 0.2 * static_cast<double>(i * (j + 1));
+  CHECK(gauges_of(recording.with_samples(samples)).empty());
+  for (Sample& sample : samples) sample.readings[2] = 0.3;
+  CHECK(gauges_of(recording.with_samples(samples)).size() == 1);
+}
+
 TEST_CASE("gauges: the common pose of two cameras that see free boards only") {
   Rig rig;
   add_link(rig, "base");
