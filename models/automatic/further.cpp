@@ -70,56 +70,12 @@ FitWithGroups moved(const FitWithGroups& fit, const FurtherModel& model) {
   return out;
 }
 
-/// The members of a group, and the fit's unknowns with the matrix of their equations and its right
-/// side, at their widths.
-struct Beside {
-  int group;
-  std::vector<int> own, others;
-  MatrixXd h;
-  VectorXd b;
-};
-Beside beside(const WidthProblem& p, const VectorXd& factor, int first_further, int group) {
-  Beside out{group, {}, {}, {}, {}};
-  for (int i = 0; i < p.start.size(); ++i)
-    if (p.group[i] == group)
-      out.own.push_back(i);
-    else if (p.group[i] < first_further)
-      out.others.push_back(i);
-  out.h = p.normal(out.others, out.others);
-  out.b = p.gradient(out.others);
-  for (size_t i = 0; i < out.others.size(); ++i) {
-    const int k = out.others[i];
-    if (p.start(k) == 0) continue;
-    const double t = p.start(k) * (p.group[k] < 0 ? 1 : factor(p.group[k]));
-    out.h(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) += 1 / (t * t);
-    out.b(static_cast<Eigen::Index>(i)) += p.at(k) / (t * t);
-  }
-  return out;
-}
-
 /// By how many of its sigmas an unknown of the fit moves, at most, if a group has these values.
 double largest_move(const WidthProblem& p, const Beside& of, const VectorXd& value) {
   const VectorXd by = solve_symmetric(of.h, p.normal(of.others, of.own) * value);
   const MatrixXd unit = MatrixXd::Identity(of.h.rows(), of.h.cols());
   const VectorXd variance = solve_symmetric(of.h, unit).diagonal();
   return std::sqrt((by.array().square() / variance.array()).maxCoeff());
-}
-
-/// The problem of one group alone: the fit's unknowns eliminated, with their widths as they are.
-WidthProblem alone(const WidthProblem& p, const Beside& of) {
-  const std::vector<int>&own = of.own, &others = of.others;
-  MatrixXd follow(of.h.rows(), static_cast<Eigen::Index>(own.size()) + 1);
-  follow << p.normal(others, own), of.b;
-  const MatrixXd moved = solve_symmetric(of.h, follow), across = p.normal(own, others);
-  WidthProblem out;
-  out.normal = p.normal(own, own) - across * moved.leftCols(moved.cols() - 1);
-  out.gradient = p.gradient(own) - across * moved.rightCols(1);
-  out.at = p.at(own);
-  out.start = p.start(own);
-  out.group.assign(own.size(), 0);
-  out.groups = 1;
-  out.known = {!p.learns(of.group)};
-  return out;
 }
 
 /// The best widths of a problem of one group, from several starts.

@@ -33,6 +33,20 @@ DataProblem data_problem(const Recording& recording, const EstimationSetup& fitt
 FitWidths width_problem(const Recording& recording, const DataProblem& at,
                         const AutomaticGroups& groups);
 
+/// The members of a group, and the fit's unknowns with the matrix of their equations and its right
+/// side, at their widths.
+struct Beside {
+  int group;
+  std::vector<int> own, others;
+  MatrixXd h;
+  VectorXd b;
+};
+/// Returns those of a group beside the groups before `first_further`.
+Beside beside(const WidthProblem& problem, const VectorXd& factor, int first_further, int group);
+/// Returns the problem of that group alone: the fit's unknowns eliminated, with their widths as
+/// they are.
+WidthProblem alone(const WidthProblem& problem, const Beside& of);
+
 /// Part of the normal equations of a problem, private unknowns eliminated.
 struct NormalPart {
   MatrixXd normal;

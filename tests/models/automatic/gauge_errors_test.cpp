@@ -3,7 +3,8 @@
 // Proves, on a SCARA whose axes are tilted by milliradians, a tracker and three reflectors of
 // unknown pose: the length beside a tilt, which goes with the reflectors' height, is as accurate as
 // is predicted, and the height itself, too (12 robots; with the gauge of parallel axes alone the
-// length was off by up to 40 sigmas). Does not prove: other robots (benchmarks/healthy.py).
+// length was off by up to 40 sigmas); where they are parallel, what is added moves no target
+// relative to a sensor. Does not prove: other robots (benchmarks/healthy.py).
 #include "../../../models/automatic/gauge_errors.h"
 
 #include <algorithm>
@@ -88,6 +89,29 @@ TEST_CASE("gauge errors: a length beside tilted axes is as accurate as is predic
   CHECK(length < 1.8);
   CHECK(length > 0.05);  // nor are predictions far too wide
   CHECK(height < 1.8);
+}
+
+TEST_CASE("gauge errors: beside parallel axes they move no target relative to a sensor") {
+  Rig rig = scara();
+  SimulationOptions options;
+  options.samples = 60;
+  const ParameterTable table(rig);
+  const std::vector<Sample> samples = simulate(rig, table, table.initial, options).samples;
+  rig.sensors[0].pose_given = rig.targets[0].pose_given = false;
+  AutomaticOptions mounts;
+  mounts.groups.without = {"lengths*", "angles*"};
+  const AutomaticCalibration found = calibrate_automatically(Recording(rig, samples), mounts);
+  REQUIRE(found.solution.usable());
+  REQUIRE(found.gauges.size() == 1);
+  const Prediction& predicted = *found.solution.prediction;
+  REQUIRE(predicted.columns.back() == found.gauges[0].fixed);
+  const Eigen::Index last = predicted.covariance.rows() - 1;
+  CHECK(predicted.covariance(last, last) == Approx(1).epsilon(0.02));
+  const VectorXd along = predicted.covariance.col(last) / predicted.covariance(last, last);
+  CHECK(along.cwiseAbs().maxCoeff() == Approx(1).epsilon(0.01));  // both heights
+  const MatrixXd motions = squared_motions(*found.solution.recording, found.solution.values.shared,
+                                           predicted.columns, charts_of(found.solution));
+  CHECK(along.dot(motions * along) < 1e-8 * motions.trace());
 }
 
 }  // namespace gauge_errors_test
