@@ -332,8 +332,8 @@ def see(rng, model, how, count):
     return readings, {p: visible(model, frames, p) for p in model.pairs}, None
 
 
-def by_flange(model, readings):
-    """The same robot, known by the poses of its flange only."""
+def by_flange(model, readings, believed):
+    """The same robot, known by the poses of its flange only; last as a robot `believed` computes these."""
     frames = base.link_frames(model, readings)
     tip = next(x.link for x in [*model.sensors.values(), *model.targets.values()] if frames[x.link].ndim == 3)
     changed = base.Model({"flange": base.Joint("base", "flange", "floating", np.eye(4))}, model.sensors, model.targets, model.pairs)
@@ -341,7 +341,7 @@ def by_flange(model, readings):
         for name, x in getattr(model, part).items():
             new = {"link": "flange"} if x.link == tip else {"link": "base", "pose": frames[x.link] @ x.pose}
             changed = changed.with_(part, name, **new)
-    return changed, {"flange": frames[tip]}
+    return changed, {"flange": frames[tip]}, {"flange": base.link_frames(believed, readings)[tip]}
 
 
 def moving_ground(model):
@@ -372,6 +372,7 @@ class Case:
     stated: dict                  # joint -> stated sigma; {}: not stated
     noise: dict                   # joint -> true sigma; of a flange {translation, rotation}
     held: list                    # (part, name, component): known to the user
+    believed: dict                # readings without noise
 
 
 def mounts(model, held):
@@ -462,7 +463,7 @@ def with_guesses(rng, nominal, truth, guess):
     return nominal, truth, stated, {n: times(s, joints) for n, s in guessed.items()}, words
 
 
-def draw_case(seed, kind, guess):
+def draw_case(seed, kind, guess, inaccurate=False):
     """`guess`: None, or the sigmas that `kincal init` writes: of types of sensors, and `joint`, `slide`. Recordings that tell too little are drawn again."""
     for attempt in range(3000):
         rng = np.random.default_rng([seed, attempt, 20])
@@ -470,7 +471,7 @@ def draw_case(seed, kind, guess):
         nominal = draw_robot(rng, kind, how)
         if not fits_kind(nominal, kind):
             continue
-        truth, about = (nominal, "poses as they are") if kind == "flange" else plant(rng, nominal)
+        truth, about = (nominal, "poses as they are") if kind == "flange" and not inaccurate else plant(rng, nominal)
         truth, held = place(rng, truth, kind, how)
         samples = int(rng.integers(8, 13)) if kind == "few" else int(round(math.exp(rng.uniform(math.log(15), math.log(60)))))
         samples_and = "%d samples" % samples
@@ -479,11 +480,12 @@ def draw_case(seed, kind, guess):
             continue
         readings, seen, which = postures
         truth = with_noise(rng, truth)
+        believed = readings
         if kind == "flange":
-            truth, readings = by_flange(truth, readings)
+            truth, readings, believed = by_flange(truth, readings, nominal)
             nominal = truth
         sigma = float(rng.choice([0.0001, 0.0002, 0.0005, 0.001] if kind != "pantilt" else [0.00005, 0.0001]))
-        told = kind != "unstated" and not (kind == "flange" and (guess or rng.random() < 0.5))
+        told = kind != "unstated" and not (kind == "flange" and (guess or inaccurate or rng.random() < 0.5))
         noise = {n: {"translation": 0.2 * sigma, "rotation": sigma} if j.type == "floating" else sigma * (0.2 if j.type == "prismatic" else 1)
                  for n, j in truth.joints.items() if j.type != "fixed"}
         nominal = base.Model(nominal.joints, truth.sensors, truth.targets, truth.pairs)
@@ -497,7 +499,7 @@ def draw_case(seed, kind, guess):
         noise = {n: v for n, v in noise.items() if truth.joints[n].child not in scanned}
         stated = {n: v for n, v in stated.items() if n in noise}
         case = Case(seed, kind, how, "%s, %s, %s" % (how, about, samples_and), rig_poses(rng, nominal, truth, held), truth, readings, seen, which,
-                    samples, stated, noise, held)
+                    samples, stated, noise, held, believed)
         if how_well_known(case) < 0.5:
             return case
     raise SystemExit("no robot of kind %s for seed %d" % (kind, seed))
@@ -534,7 +536,7 @@ def noisy_readings(case, rng, noisy):
     for name, sigma in case.noise.items():
         if isinstance(sigma, dict):
             d = noisy * np.repeat([sigma["translation"], sigma["rotation"]], 3) * rng.normal(size=(case.samples, 6))
-            read[name] = true[name] @ np.stack([exp(-x) for x in d])
+            read[name] = case.believed[name][:case.samples] @ np.stack([exp(-x) for x in d])
         else:
             read[name] = true[name] - noisy * sigma * rng.normal(size=case.samples)
     return read, true
@@ -645,7 +647,7 @@ def noise_found(case, result):
 def measure(task):
     """One recording, drawn, written, calibrated and judged: a row of plain numbers."""
     seed, kind, options = task
-    case = draw_case(seed, kind, options.guess)
+    case = draw_case(seed, kind, options.guess, options.inaccurate)
     row = {"seed": seed, "kind": kind, "how": case.how, "about": case.about}
     folder = os.path.join(options.keep, "%s_%d" % (kind, seed)) if options.keep else tempfile.mkdtemp()
     try:
@@ -824,6 +826,7 @@ def arguments():
     parser.add_argument("--rows", metavar="FILE", help="read the rows that --json has written, and measure nothing")
     parser.add_argument("--beside", metavar="FILE", help="rows of another program: what is right here and there")
     parser.add_argument("--guesses", action="store_true", help="sigmas that `kincal init` writes, the true noise 0.1 to 10 times that")
+    parser.add_argument("--inaccurate", action="store_true", help="with --kind flange: its poses are those of a robot with wrong zeros and lengths")
     parser.add_argument("--exact", action="store_true", help="residuals of the truth without noise, its chi2/dof with noise")
     parser.add_argument("--ids", action="store_true", help="ids of warnings that a healthy recording may have")
     return parser.parse_args()

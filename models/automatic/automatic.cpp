@@ -377,7 +377,6 @@ void weigh_lenses(Calibrated& best) {
     cover_change(moved, lens.model.probability(), prediction.covariance);
     best.found.other_models.push_back(std::move(lens.model));
   }
-  set_predicted_sigmas(best.found);
 }
 
 }  // namespace
@@ -422,7 +421,11 @@ AutomaticCalibration calibrate_automatically(const Recording& given,
     } while (
         add_to_joints(kCouplingOf, with_coupling, model, best, record));  // (it hid the others)
     add_gears(model, best, record);
-    if (best.found.solution.prediction) weigh_lenses(best);
+    if (best.found.solution.prediction) {
+      weigh_lenses(best);
+      best.found.pose_errors = add_pose_errors(best.found.solution);
+      set_predicted_sigmas(best.found);
+    }
     best.found.tried = std::move(record.tried);
     best.found.stages = std::move(record.stages);
   }

@@ -11,7 +11,8 @@
 //      `mounts` and `everything`, which the solution has, with the widths as priors.
 //
 // Errors are predicted from the second moment of all components, including fixed ones and those on
-// which no measurement depends (Solution::prediction); sigmas are its roots.
+// which no measurement depends (Solution::prediction), with another lens and errors of flange poses
+// that depend on the pose; sigmas are its roots.
 #pragma once
 
 #include <string>

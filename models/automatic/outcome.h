@@ -12,6 +12,7 @@
 #include "../rig/numbers.h"
 #include "groups.h"
 #include "other_models.h"
+#include "pose_errors.h"
 
 namespace kincal {
 
@@ -64,8 +65,9 @@ struct AutomaticCalibration {
   std::vector<UncheckedScale> unchecked;
   std::vector<Gauge> gauges;  // of mounts; their components are fixed
   std::vector<OtherModel> other_models;
-  double noise_factor = 1;    // of all stated sigmas, with StatedNoise::scaled
-  bool noise_at_rest = true;  // false: noise still changed in the last round
+  std::vector<PoseErrors> pose_errors;  // of flanges
+  double noise_factor = 1;              // of all stated sigmas, with StatedNoise::scaled
+  bool noise_at_rest = true;            // false: noise still changed in the last round
   std::vector<TriedGroup> tried;
   std::vector<Stage> stages;  // before each further model that was kept and that `begin` lacked;
                               // without such a model none

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "../../kinematics/floating.h"
+#include "../../solver/decompositions.h"
 #include "../estimation/estimation.h"
 #include "../rig/scales.h"
 #include "linear_model.h"
@@ -77,6 +78,25 @@ LinearModel::Group group_of(const Tree& tree, const GroupShape& shape, MatrixXd 
   return out;
 }
 
+/// Adds the columns of a trend, behind the `shared` ones, to the group of a sample: with it the row
+/// (d - (at c)) / sigma stands for d / sigma.
+void add_trend(const ReadingTrend& trend, int sample, int shared,
+               const std::vector<NoiseRows>& noise, LinearModel::Group& to) {
+  const Eigen::Index first = to.rows.cols() - 1, more = trend.at[sample].cols();
+  to.rows.conservativeResize(Eigen::NoChange, first + more + 1);
+  to.rows.col(first + more) = to.rows.col(first);
+  to.rows.middleCols(first, more).setZero();
+  for (int i = 0; i < more; ++i) to.columns.push_back(shared + i);
+  for (const NoiseRows& w : noise) {
+    const auto axis = std::find(trend.axes.begin(), trend.axes.end(), w.joint);
+    if (w.joint < 0 || axis == trend.axes.end()) continue;
+    Eigen::Index own = 0;  // the error's unknown
+    to.rows.row(w.first).head(to.private_size).cwiseAbs().maxCoeff(&own);
+    to.rows.row(w.first).segment(first, more) =
+        -to.rows(w.first, own) * trend.at[sample].row(axis - trend.axes.begin());
+  }
+}
+
 /// The priors of shared unknowns, as the fit has them, else the reference ones.
 void add_priors(const Recording& recording, const EstimationSetup& setup, const MatrixXd& rows,
                 const GroupShape* shape, DataModel& to) {
@@ -110,7 +130,7 @@ void add_priors(const Recording& recording, const EstimationSetup& setup, const 
 /// The data at a fit, with further components free.
 DataModel data_model(const Recording& recording, const std::vector<int>& samples,
                      EstimationSetup setup, const Values& values,
-                     const std::vector<Component>& further) {
+                     const std::vector<Component>& further, const ReadingTrend* trend = nullptr) {
   for (const Component& c : further) merge(setup.free, {{c.parameter, {c.index}}});
   for (Freed& f : setup.free) std::sort(f.components.begin(), f.components.end());
   Estimation problem(recording, samples, setup);
@@ -131,6 +151,9 @@ DataModel data_model(const Recording& recording, const std::vector<int>& samples
     else
       out.model.groups.push_back(
           group_of(recording.rig.tree, shape, rows, noise, kinds, out.model));
+    if (trend && static_cast<int>(g) != problem.prior_group())
+      add_trend(*trend, problem.sample_of(static_cast<int>(g)), problem.shared_size(), noise,
+                out.model.groups.back());
   }
   add_priors(recording, setup, priors, prior_shape, out);
   out.kinds = kinds.all();
@@ -184,6 +207,18 @@ DataModel data_of(const std::vector<FittedData>& parts) {
   for (const FittedData& part : parts)
     models.push_back(data_model(part.recording, part.samples, part.setup, part.values, {}));
   return models.size() == 1 ? models.front() : side_by_side(std::move(models));
+}
+
+/// How much larger a covariance is than another, in the principal directions of one relative to the
+/// other in which it is.
+MatrixXd increase(const MatrixXd& from, const MatrixXd& to) {
+  const VectorXd scale = from.diagonal().cwiseSqrt().cwiseInverse();
+  const MatrixXd whiten =
+      Cholesky(scale.asDiagonal() * from * scale.asDiagonal()).inverse_factor() *
+      scale.asDiagonal();
+  const SymmetricEigen e = symmetric_eigen(whiten * to * whiten.transpose());
+  const VectorXd more = (e.values.array() - 1).cwiseMax(0).sqrt();
+  return gram(more.asDiagonal() * (e.vectors.transpose() * whiten * from));
 }
 
 ModelEvidence evidence(const DataModel& data) {
@@ -250,6 +285,39 @@ std::vector<double> scores(const Linearisation& at,
     const LinearEvidence with =
         evidence(with_unknowns(data.model, kept, directions, width), without.factor);
     out.push_back(with.log - without.log);
+  }
+  return out;
+}
+
+std::vector<WeighedTrend> weigh_trend(const Linearisation& at, const ReadingTrend& trend,
+                                      const std::vector<VectorXd>& widths) {
+  const DataModel plain = data_model(at, {});
+  const LinearEvidence without = evidence(plain.model);
+  const MatrixXd known = covariance_at(plain.model, without.factor);
+  DataModel data = data_model(*at.solution.recording, at.solution.training(), at.problem().setup(),
+                              at.solution.values, {}, &trend);
+  const Eigen::Index n = plain.model.width.size(), more = widths.front().size(), all = n + more;
+  LinearModel& model = data.model;
+  model.prior.conservativeResizeLike(MatrixXd::Zero(all, all));
+  model.pull.conservativeResizeLike(VectorXd::Zero(all));
+  model.width.conservativeResize(all);
+  VectorXd start = without.factor;
+  std::vector<WeighedTrend> out;
+  for (const VectorXd& width : widths) {
+    model.width.tail(more) = width;
+    model.prior.diagonal().tail(more) = width.cwiseAbs2().cwiseInverse();
+    const LinearEvidence with = evidence(model, start);
+    WeighedTrend& one = out.emplace_back();
+    one.gain = with.log - without.log;
+    const MatrixXd covariance = std::isfinite(one.gain) ? covariance_at(model, with.factor) : known;
+    if (known.size() == 0 || covariance.rows() != all) {
+      one.gain = std::numeric_limits<double>::quiet_NaN();
+      continue;
+    }
+    start = with.factor;
+    one.moved = with.step.head(n);
+    one.wider = increase(known, covariance.topLeftCorner(n, n));
+    one.trend = with.step.tail(more);
   }
   return out;
 }

@@ -101,6 +101,23 @@ std::vector<double> scores(const Linearisation& at,
 double reference_width(const ParameterTable& table, const Component& component,
                        const VectorXd& values);
 
+/// A ReadingTrend says that errors of joint readings depend on the posture: in sample s those of
+/// the axes are  at[s] c  beside their noise.
+struct ReadingTrend {
+  std::vector<int> axes;     // joints with such errors
+  std::vector<MatrixXd> at;  // by sample of the recording: a row an axis
+};
+/// A WeighedTrend compares a fit with such a trend to the fit without it.
+struct WeighedTrend {
+  double gain = 0;  // of log evidence, with unknown noise; NaN: it is not defined
+  VectorXd moved;   // of the fit's unknowns, if there is a trend
+  MatrixXd wider;   // by how much its covariance is larger then
+  VectorXd trend;   // c
+};
+/// Returns one for each of these widths of c,  c_i ~ N(0, width(i)^2). The fit has mode latent.
+std::vector<WeighedTrend> weigh_trend(const Linearisation& at, const ReadingTrend& trend,
+                                      const std::vector<VectorXd>& widths);
+
 /// An Alternative is another model of the data, for example with a mistake undone, and its odds
 /// against the data as they are, prior odds included.
 struct Alternative {

@@ -79,17 +79,23 @@ struct AtFactors {
   MatrixXd information;
 };
 
-AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
-  AtFactors out;
-  const Eigen::Index factors = u.size(), n = model.pull.size();
-  MatrixXd h = MatrixXd::Zero(n + kSlack, n);  // its lower triangle
-  h.topRows(n) = model.prior;
-  VectorXd g = model.pull;
+/// H and g, with the groups that they are summed from.
+struct Summed {
+  MatrixXd h;  // its lower triangle, with kSlack rows behind
+  VectorXd g;
   double log_private = 0;
   std::vector<EliminatedGroup> groups;
+};
+
+Summed sum_up(const LinearModel& model, const VectorXd& u) {
+  const Eigen::Index n = model.pull.size();
+  Summed out{MatrixXd::Zero(n + kSlack, n), model.pull, 0, {}};
+  MatrixXd& h = out.h;
+  VectorXd& g = out.g;
+  h.topRows(n) = model.prior;
   for (const LinearModel::Group& of : model.groups) {
-    const EliminatedGroup& group = groups.emplace_back(of, u);
-    log_private += group.log_private;
+    const EliminatedGroup& group = out.groups.emplace_back(of, u);
+    out.log_private += group.log_private;
     const auto m = static_cast<Eigen::Index>(of.columns.size());
     MatrixXd gram(m + 1, m + 1);
     kernels().gram(group.left.data(), static_cast<int>(group.left.rows()) - kSlack,
@@ -103,6 +109,13 @@ AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
       }
     }
   }
+  return out;
+}
+
+AtFactors evaluate(const LinearModel& model, const VectorXd& u) {
+  AtFactors out;
+  const Eigen::Index factors = u.size(), n = model.pull.size();
+  auto [h, g, log_private, groups] = sum_up(model, u);
   if (n > 0 && !(h.diagonal().minCoeff() > 0)) return out;
   const VectorXd scale = h.diagonal().cwiseSqrt().cwiseInverse();
   h.topRows(n) = scale.asDiagonal() * h.topRows(n) * scale.asDiagonal();
@@ -228,6 +241,15 @@ LinearEvidence evidence(const LinearModel& model, const VectorXd& start) {
 
 double log_evidence_at(const LinearModel& model, const VectorXd& factor) {
   return evaluate(model, factor.array().log()).log;
+}
+
+MatrixXd covariance_at(const LinearModel& model, const VectorXd& factor) {
+  const MatrixXd lower = sum_up(model, factor.array().log()).h.topRows(model.pull.size());
+  const MatrixXd h = lower.selfadjointView<Eigen::Lower>();
+  if (!(h.diagonal().minCoeff() > 0)) return {};
+  const VectorXd scale = h.diagonal().cwiseSqrt().cwiseInverse();
+  const Cholesky root(scale.asDiagonal() * h * scale.asDiagonal());
+  return root.good() ? gram(root.inverse_factor() * scale.asDiagonal()) : MatrixXd();
 }
 
 LinearModel with_unknowns(const LinearModel& model, const std::vector<int>& kept,

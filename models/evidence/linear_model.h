@@ -46,6 +46,9 @@ LinearEvidence evidence(const LinearModel& model, const VectorXd& start = Vector
 /// Returns the log evidence for factors of the noise that are known; NaN: it is not defined.
 double log_evidence_at(const LinearModel& model, const VectorXd& factor);
 
+/// Returns the covariance H^-1 of the shared unknowns at these factors; empty: it is not defined.
+MatrixXd covariance_at(const LinearModel& model, const VectorXd& factor);
+
 /// Returns the model with these of its shared unknowns, in this order, and behind them one for each
 /// column of `directions`, which says how far it moves every shared unknown of the model and has
 /// the prior N(0, width^2).

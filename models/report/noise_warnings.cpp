@@ -82,6 +82,13 @@ std::pair<double, double> used_shares(const Report& report) {
   return out;
 }
 
+/// Whether predicted errors allow for errors of poses that depend on the pose: of this floating
+/// joint.
+bool is_predicted(const Report& report, int joint) {
+  return std::any_of(report.pose_errors.begin(), report.pose_errors.end(),
+                     [&](const PoseErrors& e) { return e.joint == joint; });
+}
+
 /// Of poses of a flange whose noise nobody stated: what was found and is more than robots repeat
 /// by.
 std::string beyond_repeating(const Report& report) {
@@ -221,9 +228,13 @@ bool tells_flange(const Trend& trend, const Tree& tree) {
 
 std::string own_errors_words(const Report& report) {
   const std::string by = beyond_repeating(report);
-  return by.empty() ? ""
-                    : "this is valid if the error of the flange poses (" + by +
-                          ") is noise and not the robot's own inaccuracy";
+  if (by.empty()) return "";
+  return report.pose_errors.empty()
+             ? "this is valid if the error of the flange poses (" + by +
+                   ") is noise and not the robot's own inaccuracy"
+             : "the error of the flange poses (" + by +
+                   ") may be the robot's own inaccuracy, which more poses do not average out: "
+                   "predicted errors allow for this";
 }
 
 bool noise_is_doubtful(const Report& report) {
@@ -244,6 +255,7 @@ void warn_of_trends(const Report& report, Notices& out) {
   const Tree& tree = report.solution.rig().tree;
   std::vector<WarningItem> cases;
   for (const Trend& trend : report.trends) {
+    if (is_predicted(report, trend.joint)) continue;
     const Joint& joint = tree.joints[trend.joint];
     const bool flange = tells_flange(trend, tree);
     const std::string shift = trend.shift > 0 ? text("%.3g mm", 1e3 * trend.shift) : "",
@@ -334,8 +346,9 @@ void warn_of_guessed_noise(const Report& report, Notices& out) {
   } else if (const std::string by = beyond_repeating(report); !by.empty()) {
     notice.why =
         "robots repeat better than that: if it is not noise but the robot's own inaccuracy (zeros "
-        "of its joints, lengths), more poses do not average it out, and the sigmas of the result "
-        "are too small";
+        "of its joints, lengths), more poses do not average it out" +
+        std::string(report.pose_errors.empty() ? ", and the sigmas of the result are too small"
+                                               : ". Predicted errors allow for this");
   }
   out.push_back(std::move(notice));
 }

@@ -81,7 +81,8 @@ struct Report {
   std::shared_ptr<const Solution> rigid;  // the first stage; null: nothing of these was kept
   VectorXd mounts;  // automatic path: shared values with only the mounts estimated
   std::vector<OtherModel>
-      other_models;  // automatic path: other models of the data, with their odds
+      other_models;                     // automatic path: other models of the data, with their odds
+  std::vector<PoseErrors> pose_errors;  // automatic path: of flanges; predicted errors have them
   std::vector<UncheckedScale> unchecked;  // automatic path: lengths that no measurement checks
   std::vector<Gauge> gauges;              // automatic path: of mounts, with fixed components
   std::optional<Diagnosis> diagnosis;     // of a calibration that ended badly

@@ -177,6 +177,7 @@ void take(AutomaticCalibration found, Report& report) {
   report.solution = std::move(found.solution);
   report.automatic = std::move(found.groups);
   report.other_models = std::move(found.other_models);
+  report.pose_errors = std::move(found.pose_errors);
   report.unchecked = std::move(found.unchecked);
   report.gauges = std::move(found.gauges);
   report.mounts = std::move(found.mounts);

@@ -6,7 +6,9 @@
 // scores at the fit of the robot as it is, wherever a mistake is large beside what the data tell; a
 // score is the difference of the evidence of fits where the step is small; noise of pixels and
 // readings that is not as stated is found; a bent board speaks for its bend, but not with thousands
-// of nats; probabilities of a wrong gear add up to how often it is. Does not prove: anything of
+// of nats; a
+// trend of readings has the evidence of the parameter that makes it; probabilities of a wrong gear
+// add up to how often it is. Does not prove: anything of
 // other sensors.
 #include "../../../models/evidence/evidence.h"
 
@@ -269,6 +271,35 @@ TEST_CASE("evidence: of what is called sure of robots so much is right") {
   CHECK(std::abs(off) < 3 * std::sqrt(variance));
   CHECK(sure > 0);
   CHECK(wrong == 0);
+}
+
+TEST_CASE("evidence: a trend of readings is as likely as the parameter that makes it") {
+  Rig rig = arm();
+  rig.steps[0].free = {"sensor/eye/pose", "target/board/pose"};
+  rig.steps[0].priors.clear();
+  Rig robot = rig;
+  robot.joints[1].offset = 2e-3;
+  robot.joints[2].scale = 1.004;
+  const std::vector<Sample> samples = logged(robot, 24, 11);
+  const Linearisation at = fitted(rig, samples);
+  const ParameterTable& table = at.solution.table();
+  const char* const kNames[] = {"joint/a2/offset", "joint/a3/scale"};
+  const VectorXd width = VectorXd::Constant(1, 4e-3);
+  for (const int joint : {1, 2}) {
+    const std::vector<double> as_parameter =
+        scores(at, {{direction_of(table, kNames[joint - 1], width(0))}});
+    ReadingTrend trend{{joint}, {}};
+    for (const Sample& s : samples)
+      trend.at.push_back(MatrixXd::Constant(1, 1, joint == 1 ? 1 : s.readings[joint]));
+    const std::vector<WeighedTrend> found = weigh_trend(at, trend, {width, 1e-6 * width});
+    INFO(kNames[joint - 1]);
+    CHECK(as_parameter[0] > 5);
+    CHECK(found[0].gain == Approx(as_parameter[0]).margin(0.05));
+    CHECK(found[0].trend(0) == Approx(joint == 1 ? 2e-3 : 4e-3).epsilon(0.5));
+    CHECK(found[0].wider.diagonal().minCoeff() > 0);
+    CHECK(found[1].wider.norm() < 0.01 * found[0].wider.norm());
+    CHECK(found[1].gain == Approx(0).margin(0.05));  // too small to matter
+  }
 }
 
 TEST_CASE("evidence: a bent board") {
