@@ -114,7 +114,10 @@ void cover(const WeighedTrend& trend, const std::vector<Component>& columns, dou
   for (Eigen::Index i = 0; i < more.rows(); ++i)
     for (Eigen::Index j = 0; j < more.cols(); ++j)
       if (place[i] >= 0 && place[j] >= 0) other(place[i], place[j]) += more(i, j);
-  out.covariance = covering(out.covariance, other, probability);
+  const MatrixXd both = covering(out.covariance, other, probability);
+  out.lasting.conservativeResizeLike(MatrixXd::Zero(both.rows(), both.cols()));
+  out.lasting += both - out.covariance;
+  out.covariance = both;
 }
 
 PoseErrors size_of(int joint, const ReadingTrend& trend, const VectorXd& c, const Tree& tree) {

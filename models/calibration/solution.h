@@ -86,6 +86,8 @@ struct LastProblem {
 struct Prediction {
   std::vector<Component> columns;
   MatrixXd covariance;
+  MatrixXd lasting = {};  // part of it that more samples leave (automatic/pose_errors.h); empty:
+                          // none. Of the first columns
 };
 
 /// DataEquations are the information of the data alone at a solution, without the priors of shared

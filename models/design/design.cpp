@@ -374,12 +374,15 @@ DesignFloor floor_with(const MatrixXd& c, const MatrixXd& known, const DesignGoa
 }
 
 /// The covariance after `times` the data that it is from. The automatic path knows more about what
-/// it holds than usual errors: with its C = T T', that is T (1 + (times - 1) T' N T)^-1 T'.
+/// it holds than usual errors: with its C = T T', that is T (1 + (times - 1) T' N T)^-1 T', plus
+/// what lasts.
 MatrixXd covariance_after(double times, const Solution& solution, const DataEquations& data,
                           const MatrixXd& known) {
   if (!solution.prediction) return inverse_of_symmetric(known + times * data.normal);
   const auto n = data.normal.rows();
-  const MatrixXd& all = solution.prediction->covariance;
+  const MatrixXd& lasting = solution.prediction->lasting;
+  MatrixXd all = solution.prediction->covariance;
+  if (lasting.size() > 0) all -= lasting;
   const auto rest = all.rows() - n;  // gauges, along which nothing moves relative to anything else
   MatrixXd now = all.topLeftCorner(n, n);
   if (rest > 0)
@@ -388,7 +391,9 @@ MatrixXd covariance_after(double times, const Solution& solution, const DataEqua
   const MatrixXd t = root_of_covariance(now);
   MatrixXd s = (times - 1) * (t.transpose() * data.normal * t);
   s.diagonal().array() += 1;
-  return t * solve_symmetric(s, t.transpose());
+  MatrixXd out = t * solve_symmetric(s, t.transpose());
+  if (lasting.size() > 0) out += lasting.topLeftCorner(n, n);
+  return out;
 }
 
 /// A calibration fits its own samples better than others: with the rows R of one sample and the
