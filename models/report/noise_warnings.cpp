@@ -89,6 +89,12 @@ bool is_predicted(const Report& report, int joint) {
                      [&](const PoseErrors& e) { return e.joint == joint; });
 }
 
+/// Whether the rig states the noise of a floating joint.
+bool states_noise(const Report& report, int joint) {
+  const Rig& rig = report.solution.rig();
+  return rig.joints[rig.tree.joints[joint].first_axis + kPoseAxes].noise_guess == 0;
+}
+
 /// Of poses of a flange whose noise nobody stated: what was found and is more than robots repeat
 /// by.
 std::string beyond_repeating(const Report& report) {
@@ -255,7 +261,6 @@ void warn_of_trends(const Report& report, Notices& out) {
   const Tree& tree = report.solution.rig().tree;
   std::vector<WarningItem> cases;
   for (const Trend& trend : report.trends) {
-    if (is_predicted(report, trend.joint)) continue;
     const Joint& joint = tree.joints[trend.joint];
     const bool flange = tells_flange(trend, tree);
     const std::string shift = trend.shift > 0 ? text("%.3g mm", 1e3 * trend.shift) : "",
@@ -268,21 +273,31 @@ void warn_of_trends(const Report& report, Notices& out) {
                      trend.clear});
   }
   if (cases.empty()) return;
-  const bool flange = tells_flange(report.trends.front(), tree);
+  const bool flange = tells_flange(report.trends.front(), tree),
+             predicted =
+                 std::all_of(report.trends.begin(), report.trends.end(),
+                             [&](const Trend&trend) { return is_predicted(report, trend.joint); });
   out.push_back(notice_of(
       NoticeKind::systematic, "joints have errors that depend on their position", std::move(cases),
       std::string("this is not noise but ") +
           (flange ? "the robot's own inaccuracy, for example wrong joint zeros, which more poses "
                     "do not average out"
                   : "an effect that the rig does not model: a gear, sag, bending or play") +
-          ". It is counted as noise, so the sigmas of the result are too small even if chi2/dof is "
-          "near 1: errors may be several sigmas, most of all away from the recorded postures",
+          (predicted
+               ? ". Predicted errors allow for this"
+               : ". It is counted as noise, so the sigmas of the result are too small even if "
+                 "chi2/dof is near 1: errors may be several sigmas, most of all away from the "
+                 "recorded postures"),
       flange
           ? "record the joint readings and calibrate with the robot's URDF, so that its zeros "
             "are estimated too, or set the robot's zeros again"
           : "estimate the effects that the rig can express (gears: `joint/*/scale`; error curves: "
             "`model: curve`), and look for bending or loose parts"));
-  out.back().otherwise = "otherwise use the result only near the recorded poses";
+  // (Stated noise that they contradict stays in doubt, and this is why.)
+  if (predicted && !states_noise(report, report.trends.front().joint))
+    out.back().severity = Severity::remark;
+  else if (!predicted)
+    out.back().otherwise = "otherwise use the result only near the recorded poses";
 }
 
 void warn_of_jumps(const Report& report, Notices& out) {
