@@ -11,9 +11,9 @@
 namespace kincal {
 namespace {
 
-constexpr double kAlways = 4;   // see the header
-constexpr double kWhole = 1;    // see the header
-constexpr double kReach = 0.5;  // m
+// (The numbers are from simulated robots: see the header.)
+constexpr double kAlways = 4;   // widths of the rest: of what is the same in all poses
+constexpr double kReach = 0.5;  // m, of an arm about where it works: there errors vary
 constexpr int kNumbers = 6 * (10 + 4);
 constexpr double kShift = 1e-3, kTurn = 1e-3;  // m, rad: usual errors of a robot's poses
 const std::vector<double> kFactors = {1.0 / 9, 1.0 / 3, 1, 3, 9, 27};  // of these
@@ -95,8 +95,7 @@ VectorXd widths_of(double factor, const PoseNoise& noise) {
   for (int k = 0; k < kNumbers; ++k) {
     const bool shifts = k % 6 < 3, always = k < 6 || (k >= 60 && k < 66);
     out(k) = factor * (shifts ? kShift : kTurn) * (always ? kAlways : 1);
-    if (always && !noise.stated)
-      out(k) = std::max(out(k), kWhole * (shifts ? noise.shift : noise.turn));
+    if (always && !noise.stated) out(k) = std::max(out(k), shifts ? noise.shift : noise.turn);
   }
   return out;
 }
@@ -118,21 +117,6 @@ void cover(const WeighedTrend& trend, const std::vector<Component>& columns, dou
   out.lasting.conservativeResizeLike(MatrixXd::Zero(both.rows(), both.cols()));
   out.lasting += both - out.covariance;
   out.covariance = both;
-}
-
-PoseErrors size_of(int joint, const ReadingTrend& trend, const VectorXd& c, const Tree& tree) {
-  PoseErrors out{joint};
-  MatrixXd errors(trend.axes.size(), trend.at.size());
-  for (size_t s = 0; s < trend.at.size(); ++s)
-    errors.col(static_cast<Eigen::Index>(s)) = trend.at[s] * c;
-  for (size_t a = 0; a < trend.axes.size(); ++a) {
-    const auto of = errors.row(static_cast<Eigen::Index>(a)).array();
-    (tree.joints[trend.axes[a]].type == JointType::prismatic ? out.shift : out.turn) +=
-        (of - of.mean()).square().mean();
-  }
-  out.shift = std::sqrt(out.shift);
-  out.turn = std::sqrt(out.turn);
-  return out;
 }
 
 }  // namespace
@@ -157,9 +141,8 @@ std::vector<PoseErrors> add_pose_errors(Solution& solution) {
       most = odds;
     }
     if (!best) continue;
-    out.push_back(size_of(j, trend, best->trend, tree));
     most += noise.log_of_robot;
-    out.back().log_odds = most;
+    out.push_back({j, most});
     cover(*best, solution.columns, 1 / (1 + std::exp(-most)), *solution.prediction);
   }
   return out;

@@ -317,7 +317,6 @@ std::vector<WeighedTrend> weigh_trend(const Linearisation& at, const ReadingTren
     start = with.factor;
     one.moved = with.step.head(n);
     one.wider = increase(known, covariance.topLeftCorner(n, n));
-    one.trend = with.step.tail(more);
   }
   return out;
 }

@@ -112,7 +112,6 @@ struct WeighedTrend {
   double gain = 0;  // of log evidence, with unknown noise; NaN: it is not defined
   VectorXd moved;   // of the fit's unknowns, if there is a trend
   MatrixXd wider;   // by how much its covariance is larger then
-  VectorXd trend;   // c
 };
 /// Returns one for each of these widths of c,  c_i ~ N(0, width(i)^2). The fit has mode latent.
 std::vector<WeighedTrend> weigh_trend(const Linearisation& at, const ReadingTrend& trend,

@@ -295,7 +295,6 @@ TEST_CASE("evidence: a trend of readings is as likely as the parameter that make
     INFO(kNames[joint - 1]);
     CHECK(as_parameter[0] > 5);
     CHECK(found[0].gain == Approx(as_parameter[0]).margin(0.05));
-    CHECK(found[0].trend(0) == Approx(joint == 1 ? 2e-3 : 4e-3).epsilon(0.5));
     CHECK(found[0].wider.diagonal().minCoeff() > 0);
     CHECK(found[1].wider.norm() < 0.01 * found[0].wider.norm());
     CHECK(found[1].gain == Approx(0).margin(0.05));  // too small to matter
